@@ -59,6 +59,7 @@ if TYPE_CHECKING:  # `haptic status` waits neither for numpy nor for WebSockets
     from websockets.sync.client import ClientConnection
 
 __all__ = [
+    "LEASE_S",
     "Channel",
     "HapticClient",
     "LeaseLostError",
@@ -73,6 +74,7 @@ __all__ = [
 
 TIMEOUT_S = 10.0  # switching off waits for a slow instrument
 PATIENCE_S = 300.0  # with what may wait for a process to start, on a busy machine
+LEASE_S = 2.0  # of a program: writing to a slow disk must not cost it
 RENEWALS_PER_LEASE = 4
 PATIENCE_LEASES = 0.5  # one renewal may take so much of the lease: another comes in time
 POLL_S = 0.1

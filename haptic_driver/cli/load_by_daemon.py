@@ -13,12 +13,11 @@ from typing import Any
 from haptic_driver.cli.control import client_of, held_already, lease_file
 from haptic_driver.cli.output import signals_to, stderr
 from haptic_driver.cli.output import status as shown_status
-from haptic_driver.client import HapticClient, NoDaemonError
+from haptic_driver.client import LEASE_S, HapticClient, NoDaemonError
 from haptic_driver.daemon.messages import LoadPhase, Status
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.load_loop import settled
 
-LEASE_S = 2.0
 POLL_S = 0.1
 LET_GO_S = 15.0  # for the stage to show that it rests
 RESTS = (LoadPhase.FREE, LoadPhase.STOPPED)

@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from pydantic import JsonValue
 
-from haptic_driver.client import HapticClient, Session
+from haptic_driver.client import LEASE_S, HapticClient, Session
 from haptic_driver.daemon.messages import RefusedError, Status
 from haptic_driver.daemon.scene import Scene
 from haptic_driver.errors import require_range
@@ -33,7 +33,7 @@ class Rig:
         self._session: Session | None = None
 
     @contextmanager
-    def armed(self, lease_s: float = 2.0) -> Iterator[Self]:
+    def armed(self, lease_s: float = LEASE_S) -> Iterator[Self]:
         """Arm in the block. At its end, however it ends, the output is off, or an error says so."""
         with self.client.armed(lease_s) as session:
             self._session = session

@@ -87,7 +87,7 @@ def _finger(config: RigConfig, description: ModelDescription, yes: bool) -> Iter
         with SimulatedSlider(config, description) as finger:
             yield finger
         return
-    from haptic_driver.client import HapticClient  # noqa: PLC0415
+    from haptic_driver.client import LEASE_S, HapticClient  # noqa: PLC0415
     from haptic_driver.lab.papers.sheet_person import GuidedSlider  # noqa: PLC0415
 
     with HapticClient() as client, TemporaryDirectory(prefix="haptic-sheet-") as folder:
@@ -103,7 +103,7 @@ def _finger(config: RigConfig, description: ModelDescription, yes: bool) -> Iter
             confirm_attended(config.name)
         client.use_model(name=status.model, feedback=False)
         try:
-            with client.armed(holder="haptic datasheet") as session:
+            with client.armed(LEASE_S, "haptic datasheet") as session:
                 yield GuidedSlider(client, session, Path(folder), stderr.print)
         finally:
             client.use_model(name=status.model)

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 File = Annotated[str, named("experiments", "Experiment", Argument)]
-LEASE_S = 2.0  # writing a trial to a slow disk must not cost the lease
 
 
 @app.command()
@@ -70,6 +69,7 @@ def run(
 
     Example: `haptic experiment run friction_difference --participant P01 --out results`
     """
+    from haptic_driver.client import LEASE_S  # noqa: PLC0415
     from haptic_driver.lab.psychophysics.apparatus import DaemonApparatus, check_textures  # noqa: PLC0415
     from haptic_driver.lab.psychophysics.data import SessionFiles  # noqa: PLC0415
     from haptic_driver.lab.psychophysics.description import load_experiment  # noqa: PLC0415

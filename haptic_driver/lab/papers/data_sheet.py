@@ -53,7 +53,7 @@ from haptic_driver.lab.papers.sheet_passes import (
     range_passes,
 )
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.placement import BACK_AND_FORTH_HZ
+from haptic_driver.rig.placement import BACK_AND_FORTH_HZ, USUAL_SPEED_M_S
 from haptic_driver.rig.placement import SPEEDS_M_S as PLACED_M_S
 from haptic_driver.signals import Array
 from model.analysis.voltage_law import beyond_published
@@ -189,8 +189,7 @@ def _lines(found: Measured, config: RigConfig, description: ModelDescription) ->
         yield from _step_lines(found, speed_m_s)
     for speed_m_s in EDGE_SPEEDS_M_S:
         yield from _place_lines(found, speed_m_s)
-    for speed_m_s in PLACED_M_S:
-        yield from _placement_lines(config, speed_m_s)
+    yield from _placement_lines(config)
     yield Line(
         "bandwidth",
         half_power_hz(*gains(found.of("lines")[0])),
@@ -244,18 +243,23 @@ def _place_lines(found: Measured, speed_m_s: float) -> Iterator[Line]:
     yield Line(f"latency_{key}", latency, "s", f"latency place to friction, {at}", how)
 
 
-def _placement_lines(config: RigConfig, speed_m_s: float) -> Iterator[Line]:
-    at, key = _mm_s(speed_m_s), f"{1e3 * speed_m_s:g}_mm_s"
-    placed, turned = placement_of(config, speed_m_s), at_turns_of(config, speed_m_s)
-    straight = f"computed for steady strokes, {1e3 * placed.latency_s:.0f} ms late in the mean"
-    back = f"computed for a sine back and forth at {BACK_AND_FORTH_HZ:g} Hz of that highest speed"
-    for name, what, (median_m, most_m), how in (
-        ("placement", "place of texture off", (placed.median_m, placed.most_m), straight),
-        ("placement_at_turns", "the same beside turns", turned, back),
-    ):
-        for share, value in (("median", median_m), ("95", most_m)):
-            said = f"{what}, {share.replace('95', '95 %')}, {at}"
-            yield Line(f"{name}_{share}_{key}", Number(value, nan, nan), "m", said, how)
+def _placement_lines(config: RigConfig) -> Iterator[Line]:
+    """Median at each speed, what 95 % are within at the usual one, and the median beside turns."""
+
+    def line(name: str, what: str, speed_m_s: float, error_m: float, how: str) -> Line:
+        key = f"placement_{name}_{1e3 * speed_m_s:g}_mm_s"
+        said = f"place of texture off, {what}, {_mm_s(speed_m_s)}"
+        return Line(key, Number(error_m, nan, nan), "m", said, how)
+
+    usual_m_s = USUAL_SPEED_M_S
+    usual = placement_of(config, usual_m_s)
+    how = f"computed for steady strokes, {1e3 * usual.latency_s:.0f} ms late in the mean"
+    for speed_m_s in PLACED_M_S:
+        median_m = placement_of(config, speed_m_s).median_m
+        yield line("median", "median", speed_m_s, median_m, how)
+    yield line("95", "95 %", usual_m_s, usual.most_m, how)
+    how = f"computed for a sine back and forth at {BACK_AND_FORTH_HZ:g} Hz of that highest speed"
+    yield line("turn", "beside turns", usual_m_s, at_turns_of(config, usual_m_s)[0], how)
 
 
 def _steadiness_lines(found: Measured) -> Iterator[Line]:

@@ -135,7 +135,7 @@ def test_an_experiment_runs_stops_goes_on_and_says_what_was_felt(
 ):
     """Once in a pipe that ends after an answer; then by the simulated participant, recorded."""
     monkeypatch.setenv("HAPTIC_SOCKET", announced["socket"])
-    monkeypatch.setattr("haptic_driver.lab.commands.experiment.LEASE_S", LONG_S)
+    monkeypatch.setattr("haptic_driver.client.LEASE_S", LONG_S)
     (tmp_path / "short.toml").write_text(EXPERIMENT)
     run = [
         "experiment",
