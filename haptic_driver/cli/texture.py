@@ -21,7 +21,14 @@ from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.pictures import textures as pictures
 from haptic_driver.render.texture import Texture
 from haptic_driver.signals import COURSE_POINTS, NO_COMMAND, TICK_S, FingerState, TargetFriction
-from haptic_driver.textures.bands import Band, Output, asked, finger_gain, predicted
+from haptic_driver.textures.bands import (
+    MEASURED_TO_M_S,
+    Band,
+    Output,
+    asked,
+    finger_gain,
+    predicted,
+)
 from haptic_driver.textures.library import load, nameless_files, texture_names
 from haptic_driver.textures.reach import SCREEN_M, WEBER, Demand, demand
 
@@ -303,3 +310,6 @@ def _show_bands(bands: Sequence[Band], speed_m_s: float, carrier: _Carrier) -> N
     table.add_row(hz, f"{carrier.cof_rms:.4f}", "", gain, felt)
     stdout.print(table)
     stdout.print(f"  ripple at the highest friction: {carrier.ripple}")
+    if speed_m_s > MEASURED_TO_M_S:
+        measured = f"  finger: measured up to {MEASURED_TO_M_S:g} m/s"
+        stdout.print(f"{measured}, beyond it a line that goes on")

@@ -22,6 +22,7 @@ CENTRES_HZ = np.sqrt(EDGES_HZ[:-1] * EDGES_HZ[1:])
 # The friction of skin is a first-order lag whose cut-off rises with speed (arXiv 2505.11162; 20 to
 # 100 mm/s, and very different between people). So it is one of length, the same at any speed.
 FINGER_CUTOFF_HZ_PER_M_S = 13.8e3
+MEASURED_TO_M_S = 0.1
 FINGER_LAG_M = 1.0 / (math.tau * FINGER_CUTOFF_HZ_PER_M_S)
 
 LEAST_COF = 1e-4  # rms in a band; below, nothing is asked for there

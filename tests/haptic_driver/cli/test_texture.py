@@ -48,7 +48,11 @@ def test_check_says_what_is_in_reach(haptic, surface_path):
     said = haptic(*command, "--json").said
     ripple_hz = said["ripple"]["frequency_hz"]
     assert said["ripple"]["cof_rms"] == pytest.approx((0.8 - 0.512) / 2**0.5, rel=1e-6)
-    assert f"ripple at the highest friction: {ripple_hz:.4g} Hz" in haptic(*command).out
+    shown = haptic(*command).out
+    assert f"ripple at the highest friction: {ripple_hz:.4g} Hz" in shown
+    beyond = "finger: measured up to 0.1 m/s"
+    assert beyond not in shown
+    assert beyond in haptic(*command, "--speed", "0.15").out
     assert (said["share_below"], said["share_above"], said["flags"]) == (0.0, 0.0, [])
     low, high = said["reachable_cof"]
     assert low < 0.6
