@@ -28,13 +28,13 @@ from haptic_driver.cli.output import (
     report_error,
     stderr,
 )
-from haptic_driver.cli.start import INTERRUPTED, interrupted
 from haptic_driver.daemon.verbs import commands
 from haptic_driver.errors import BadInputError, HapticError
 from hw import plugins
 
 COMMANDS = "haptic_driver.commands"  # the group of entry points that name a PANELS
 CLI = "haptic_driver.cli"
+INTERRUPTED = 130  # as shells have it: 128 and the number of the signal
 
 
 class Listed(NamedTuple):
@@ -196,6 +196,13 @@ def _being_completed() -> list[str]:
     return line.split()[1:]
 
 
+def _interrupted() -> HapticError:
+    """What to say of a command that Ctrl-C ended."""
+    return HapticError(
+        "interrupted", "interrupted", "What it had opened is closed; haptic status says what is on"
+    )
+
+
 def _said(error: Any) -> str:
     """What the parser says, and what it was given."""
     cause = error.__cause__
@@ -251,7 +258,7 @@ def main(arguments: list[str], begin: Callable[[], None] = lambda: None) -> int:
         path = context.command_path if context is not None else "haptic"
         failure = BadInputError("usage", _said(error), f"See: {path} --help")
     except (KeyboardInterrupt, typer.Abort):
-        failure = interrupted()
+        failure = _interrupted()
     except BrokenPipeError as error:
         lose_output(error)
         return 1
@@ -266,6 +273,6 @@ def main(arguments: list[str], begin: Callable[[], None] = lambda: None) -> int:
         # typer may turn Ctrl-C into the status that shells have for it
         if outcome != INTERRUPTED:
             return 1 if output_was_lost() and not _acts(arguments) else outcome or 0
-        failure = interrupted()
+        failure = _interrupted()
     report_error(failure, "--json" in arguments)
     return failure.exit_status

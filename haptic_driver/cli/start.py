@@ -13,15 +13,6 @@ import sys
 
 from haptic_driver.errors import HapticError
 
-INTERRUPTED = 130  # as shells have it: 128 and the number of the signal
-
-
-def interrupted() -> HapticError:
-    """What to say of a command that Ctrl-C ended."""
-    return HapticError(
-        "interrupted", "interrupted", "What it had opened is closed; haptic status says what is on"
-    )
-
 
 def run() -> None:
     """Import the command line and run it. Exit status: see `haptic_driver.cli.main`."""

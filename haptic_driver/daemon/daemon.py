@@ -34,6 +34,7 @@ from haptic_driver.daemon.messages import (
     RefusedError,
     Status,
     Tile,
+    TileRequest,
 )
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.recordings import Recordings
@@ -41,7 +42,6 @@ from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.supervision import END_S, Supervisor
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.timing import advice, timing_of
-from haptic_driver.daemon.verbs import TileRequest
 from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
 from haptic_driver.errors import HapticError, message_of, shown

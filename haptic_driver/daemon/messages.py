@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Literal, dataclass_transform
 
-from pydantic import Field, RootModel
+from pydantic import Field, FiniteFloat, RootModel
 
 from haptic_driver.config import Checked
 from haptic_driver.errors import HapticError, shown
@@ -360,6 +360,31 @@ class Marked(ClockOffsets):
 
     number: int
     time_s: float
+
+
+@dataclass_transform(field_specifiers=(Field,))
+class Asked(Checked):
+    """What a request says; the client's methods take its fields in this order or by name."""
+
+
+class Query(Asked, extra="ignore"):
+    """What a GET says."""
+
+
+MOST_TILE_CELLS = 256  # per side: a fraction of a second of a process that waits for all others
+
+
+class TileRequest(Query):
+    """The query of `GET /tile`: a texture of `GET /textures`, the corner with the least x and y,
+    and square cells.
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=200)]
+    pitch_m: Annotated[FiniteFloat, Field(ge=1e-6, le=0.01)]
+    x_m: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)] = 0.0
+    y_m: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)] = 0.0
+    columns: Annotated[int, Field(ge=1, le=MOST_TILE_CELLS)] = MOST_TILE_CELLS
+    rows: Annotated[int, Field(ge=1, le=MOST_TILE_CELLS)] = MOST_TILE_CELLS
 
 
 class Tile(Checked):

@@ -24,15 +24,14 @@ from typing import (
     Self,
     TypeVar,
     cast,
-    dataclass_transform,
     overload,
 )
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, JsonValue
 
-from haptic_driver.config import PRINTABLE, Checked
+from haptic_driver.config import PRINTABLE
 from haptic_driver.daemon import messages
-from haptic_driver.daemon.messages import SOMEBODY, Lease, Status, Why
+from haptic_driver.daemon.messages import SOMEBODY, Asked, Lease, Query, Status, TileRequest, Why
 from haptic_driver.textures.objects import Change
 
 if TYPE_CHECKING:  # a client does not wait for what a daemon imports
@@ -45,7 +44,6 @@ else:
 # what turns into JSON in a few milliseconds, of which the set-point pump loses as many
 MOST_SAMPLES = 2000
 MOST_CHANGES = 1000  # of a scene at once
-MOST_TILE_CELLS = 256  # per side: a fraction of a second of a process that waits for all others
 
 Since = Annotated[int, Field(ge=0, le=2**62, description="Only what comes after this number.")]
 Nearest = Annotated[
@@ -102,17 +100,8 @@ ModelName = Annotated[
 # --- what is said with a request
 
 
-@dataclass_transform(field_specifiers=(Field,))
-class Asked(Checked):
-    """What a request says; the client's methods take its fields in this order or by name."""
-
-
 class Empty(Asked):
     """For what needs no more words."""
-
-
-class Query(Asked, extra="ignore"):
-    """What a GET says."""
 
 
 class Request(Asked):
@@ -226,19 +215,6 @@ class SinceTick(Query):
 
     since: Since = 0
     most: Annotated[int, Field(ge=1, le=MOST_SAMPLES, description="The newest so many.")] = 1000
-
-
-class TileRequest(Query):
-    """The query of `GET /tile`: a texture of `GET /textures`, the corner with the least x and y,
-    and square cells.
-    """
-
-    name: Annotated[str, Field(min_length=1, max_length=200)]
-    pitch_m: Annotated[FiniteFloat, Field(ge=1e-6, le=0.01)]
-    x_m: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)] = 0.0
-    y_m: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)] = 0.0
-    columns: Annotated[int, Field(ge=1, le=MOST_TILE_CELLS)] = MOST_TILE_CELLS
-    rows: Annotated[int, Field(ge=1, le=MOST_TILE_CELLS)] = MOST_TILE_CELLS
 
 
 # --- a verb

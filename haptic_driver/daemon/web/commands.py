@@ -26,8 +26,8 @@ from pydantic import Field, JsonValue, ValidationError
 
 from haptic_driver.config import Checked, problem
 from haptic_driver.daemon.daemon import Daemon
-from haptic_driver.daemon.messages import ErrorReport, RefusedError
-from haptic_driver.daemon.verbs import MOST_CHANGES, ArmRequest, Asked, SceneChange, Verbs, methods
+from haptic_driver.daemon.messages import Asked, ErrorReport, RefusedError
+from haptic_driver.daemon.verbs import MOST_CHANGES, ArmRequest, SceneChange, Verbs, methods
 from haptic_driver.daemon.web.off import OFF_VERBS, OffThreads
 from haptic_driver.daemon.web.security import status_of
 from haptic_driver.errors import BadInputError, HapticError, message_of

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.daemon.loader import Loader
-from haptic_driver.daemon.messages import Tile
+from haptic_driver.daemon.messages import Tile, TileRequest
 from haptic_driver.daemon.targets import USUAL_FORCE_N
-from haptic_driver.daemon.verbs import TileRequest
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.lookup.file import SurfaceFile
 from haptic_driver.render.texture import Script, Target, Texture

@@ -24,7 +24,7 @@ from haptic_driver.cli.output import (
 )
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import require_ending
-from haptic_driver.lab.papers.document import ENDINGS, write
+from haptic_driver.lab.papers.write import ENDINGS, write
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import RigConfig, load_rig
 from model.description import ModelDescription

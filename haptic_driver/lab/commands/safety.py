@@ -10,7 +10,7 @@ from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
 from haptic_driver.files import require_ending
-from haptic_driver.lab.papers.document import ENDINGS, write
+from haptic_driver.lab.papers.write import ENDINGS, write
 
 
 def safety(

@@ -2,10 +2,10 @@
 
 __all__ = [
     "data_sheet",
-    "document",
     "participants",
     "safety",
     "safety_facts",
     "sheet_passes",
     "sheet_person",
+    "write",
 ]

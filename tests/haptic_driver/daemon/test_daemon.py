@@ -19,8 +19,7 @@ import pytest
 
 from haptic_driver.config import find_config
 from haptic_driver.daemon import recordings, supervision
-from haptic_driver.daemon.messages import DaemonState
-from haptic_driver.daemon.verbs import TileRequest
+from haptic_driver.daemon.messages import DaemonState, TileRequest
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.lookup.build import build_surface
 from haptic_driver.lookup.models import load_model

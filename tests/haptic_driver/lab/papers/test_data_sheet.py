@@ -11,7 +11,6 @@ from pypdf import PdfReader
 from scipy.optimize import brentq
 
 from haptic_driver.lab.papers.data_sheet import Measured, data_sheet, highest_current_a, sheet_facts
-from haptic_driver.lab.papers.document import write
 from haptic_driver.lab.papers.sheet_numbers import (
     cof_in_blocks,
     deviation_of,
@@ -34,6 +33,7 @@ from haptic_driver.lab.papers.sheet_passes import (
     other_passes,
     range_passes,
 )
+from haptic_driver.lab.papers.write import write
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
 from model.conditions import Conditions

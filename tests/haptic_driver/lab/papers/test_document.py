@@ -9,17 +9,10 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
-from haptic_driver.lab.papers.document import (
-    Document,
-    Figure,
-    Heading,
-    Paragraph,
-    Table,
-    page,
-    write,
-)
+from haptic_driver.lab.papers.document import Document, Figure, Heading, Paragraph, Table
 from haptic_driver.lab.papers.safety import safety_file
 from haptic_driver.lab.papers.safety_facts import inspect
+from haptic_driver.lab.papers.write import page, write
 
 WORDS = "a name $x_1$ <script>alert(1)</script> & \x1b[31m more"
 LONG = "tests/a_folder/" + "a_part_of_a_name_" * 12 + "end"
