@@ -58,8 +58,9 @@ def look_at(
             continue
         for role in FORCES:
             if role in found.columns:
+                _refuse_clipped(found, role, inside, span)  # what is not clipped is no outlier
                 usable &= _without_outliers(found, role, inside, said, doubts)
-                doubts += _clipped(found, role, inside & usable, span)
+                doubts += _resting(found, role, inside & usable, span)
         doubts += _gaps(found, span)
         _refuse_jump(found, inside, span)
         doubts += [] if may_turn else _turns(found, inside & usable, span, said)
@@ -131,30 +132,40 @@ def _without_outliers(
     return ~wrong
 
 
-def _clipped(found: Quantities, role: str, chosen: Mask, span: Span) -> Iterator[Doubt]:
-    """What a signal that rests leaves in doubt.
+def _refuse_clipped(found: Quantities, role: str, inside: Mask, span: Span) -> None:
+    """BadInputError where a signal is most often at the least or greatest number that it ever has.
 
-    BadInputError where it is most often at the least or greatest number that it ever has. Noise
-    elsewhere must be of several counts of its converter.
+    Its noise elsewhere must be of several counts of its converter. A number far from all others
+    stands for none.
     """
+    whole, count = found.raw[role], _count(found.raw[role])
+    finite = np.isfinite(whole)
+    chosen = inside & finite
+    if chosen.sum() < FEWEST or _noise(whole[~chosen]) <= 1.5 * count:
+        return
+    each, times = np.unique(whole[chosen], return_counts=True)
+    most = int(np.argmax(times))
+    others = np.delete(times, most).max(initial=0)
+    is_end = each[most] in (whole[finite].min(), whole[finite].max())
+    is_none = outliers(whole[chosen], count)[whole[chosen] == each[most]].all()
+    if is_end and not is_none and times[most] >= max(FEWEST, 2 * int(others)):
+        at = int(np.flatnonzero(chosen & (whole == each[most]))[0])
+        level, share = f"{found.columns[role][at]:.4g} N", times[most] / chosen.sum()
+        told = f"{role} is clipped at {level} for {share:.0%} of {span.name}"
+        hint = "Measure again in a wider range, or choose another window"
+        raise _refused(found, f"{told}, from {found.place(at)}", hint)
+
+
+def _resting(found: Quantities, role: str, chosen: Mask, span: Span) -> Iterator[Doubt]:
+    """What a signal that hardly moves leaves in doubt."""
     whole = found.raw[role]
     values = whole[chosen]
     if values.size < FEWEST:
         return
     noise, elsewhere = _noise(values), _noise(whole[~chosen])
-    each, times = np.unique(values, return_counts=True)
-    most = int(np.argmax(times))
     ends = np.array([np.nanmin(whole), np.nanmax(whole)])
-    at = int(np.flatnonzero(chosen & (whole == each[most]))[0])
-    others = np.delete(times, most).max(initial=0)
-    is_most = times[most] >= max(FEWEST, 2 * int(others))
-    if is_most and each[most] in ends and elsewhere > 1.5 * _count(whole):
-        level, share = f"{found.columns[role][at]:.4g} N", times[most] / values.size
-        told = f"{role} is clipped at {level} for {share:.0%} of {span.name}"
-        hint = "Measure again in a wider range, or choose another window"
-        raise _refused(found, f"{told}, from {found.place(at)}", hint)
-    told = f"{role} is {found.columns[role][at]:.4g} N"
-    if each.size == 1:
+    told = f"{role} is {found.columns[role][chosen][0]:.4g} N"
+    if np.all(values == values[0]):
         yield Doubt("flat", f"{told} throughout {span.name}: is it measured, or clipped?")
     elif noise < elsewhere / FAR and float(np.abs(ends - np.median(values)).min()) < 5.0 * noise:
         yield Doubt("clipped", f"{told} in {span.name}, with less than 1/{FAR:g} of its noise")

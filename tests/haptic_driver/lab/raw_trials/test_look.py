@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -97,6 +99,24 @@ def test_a_clipped_force_is_refused(tmp_path, name):
     columns = signals(noise_n=0.01)
     columns[name] = np.minimum(columns[name], np.quantile(columns[name][INSIDE], 0.6))
     assert "is clipped at" in refusal(write_csv(tmp_path / "t.csv", columns), MAP).message
+
+
+def test_what_a_clipped_force_leaves_of_its_noise_is_no_outlier(tmp_path):
+    """Where 98 % were at the rail, the rest was "far outside its own noise"."""
+    columns = signals(noise_n=0.01)
+    columns["Fx"] = np.minimum(columns["Fx"], np.quantile(columns["Fx"][INSIDE], 0.02))
+    path = write_csv(tmp_path / "t.csv", columns)
+    for how in ("refuse", "leave_out"):
+        said = refusal(path, with_keys(lateral_force={"outliers": how})).message
+        assert re.search(r"is clipped at \S+ N for 9[789]%", said)
+
+
+@pytest.mark.parametrize("code", [-9999.0, 32767.0])
+def test_a_code_for_no_number_is_no_rail(tmp_path, code):
+    columns = signals(noise_n=0.01)
+    columns["Fx"][np.flatnonzero(INSIDE)[::9]] = code
+    said = refusal(write_csv(tmp_path / "t.csv", columns), MAP).message
+    assert f"lateral_force is {code:g}" in said
 
 
 @FILE
