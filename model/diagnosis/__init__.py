@@ -15,6 +15,7 @@ __all__ = [
     "changed",
     "data",
     "ends",
+    "hidden",
     "hypotheses",
     "learned",
     "model_fit",

@@ -13,14 +13,14 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp, ndtri
+from scipy.special import logsumexp
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import Evidence, evidence, evidence_beside, explained, log_marginal
 from model.diagnosis.form import form_terms
+from model.diagnosis.hidden import Hidden
 from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.priors import LOG_PRIOR_EACH, NONE, SENSOR_SHARES
-from model.diagnosis.space import FARTHEST
 from model.diagnosis.witness import FRICTION
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
@@ -35,8 +35,6 @@ STRENGTHS = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)  # at which the score test lo
 FITTED = 6  # single effects that may have a second beside them, and pairs fitted at a time
 REFITS = 4  # at most, of a model whose form is off
 WORTH_REFITTING = 0.3  # nats
-NO_TRACE = 2.0  # lambda below which an effect is not there: what a parameter costs by Akaike
-DRAWS = 64  # of an effect's prior: shares of it to some per cent
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,20 +68,6 @@ class Candidate:
     @property
     def name(self) -> str:
         return "+".join(self.names)
-
-
-class Hidden(NamedTuple):
-    """How an effect may be there without a trace in these data.
-
-    `log_evidence` is of that part of its prior which leaves none. `usual`: lambda of an effect of
-    usual size, the median of its prior's draws. That draw is `vector` [k], and `signature` [n] what
-    it adds to the data, in standard deviations.
-    """
-
-    log_evidence: float
-    usual: float
-    vector: Array
-    signature: Array
 
 
 class Evidences(NamedTuple):
@@ -127,10 +111,11 @@ class Hypotheses:
     @cached_property
     def evidences(self) -> Evidences:
         """The logarithms alone."""
+        base = _evidence(self.base)
         return Evidences(
             {c.names: _evidence(c) for c in (self.base, *self.singles, *self.pairs)},
             self.untestable,
-            {name: hidden.log_evidence for name, hidden in self.hidden.items()},
+            {name: base + hidden.log_odds for name, hidden in self.hidden.items()},
             {c.names: c.beside_discrepancy.log_evidence for c in self._leading},
             self.outside,
         )
@@ -248,50 +233,6 @@ def _beside(problem: Problem, first: Candidate, singles: list[Candidate]) -> lis
         if gain + LOG_PRIOR_EACH > 0.0:
             found.append(Promise(frozenset((*first.kinds, *other.kinds)), _evidence(first) + gain))
     return found
-
-
-def unseen(problem: Problem, base: Candidate, kind: type[Effect]) -> Hidden:
-    """How an effect may be there unseen.
-
-    From draws of the prior, with the finger and the gains as the base model has them, and linear
-    about that.
-    """
-    vectors, signatures, visible = _drawn(problem, base, kind)
-    residual, hidden = base.fit.residual / np.sqrt(base.fit.scale2), visible < NO_TRACE
-    odds = np.exp(signatures[hidden] @ residual - 0.5 * visible[hidden])
-    log_evidence = base.alone.log_evidence + float(np.log(max(odds.sum(), 1e-300) / DRAWS))
-    usual = np.argsort(visible)[DRAWS // 2]
-    return Hidden(log_evidence, float(visible[usual]), vectors[usual], signatures[usual])
-
-
-def unseen_draws(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array, Array]:
-    """Vectors [m, k] of those draws of an effect's prior that leave no trace, and what each adds.
-
-    The latter [m, n] in standard deviations of the noise.
-    """
-    vectors, signatures, visible = _drawn(problem, base, kind)
-    return vectors[visible < NO_TRACE], signatures[visible < NO_TRACE]
-
-
-def _drawn(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array, Array, Array]:
-    """Draws [DRAWS, k] of an effect's prior, what each adds [DRAWS, n], and how visible it is.
-
-    In standard deviations of the noise. What the finger and the gains would take up does not count
-    as visible, unless they are at their ends already.
-    """
-    from scipy.stats import qmc  # noqa: PLC0415  (slow to import, and the daemon does without)
-
-    fit, count = base.fit, len(kind.parameters())
-    draws = ndtri(qmc.Sobol(count, seed=0).random(DRAWS))
-    shared = np.broadcast_to(fit.vector, (DRAWS, fit.vector.size))
-    vectors = np.concatenate([shared, draws], axis=1)
-    scale = np.sqrt(fit.scale2)
-    own = fit.jacobian[:, np.abs(fit.vector) < FARTHEST] / scale
-    signatures = (fit.residual - problem.whitened((kind,), vectors)) / scale
-    along = signatures @ own
-    hidden = np.linalg.solve(own.T @ own + np.eye(own.shape[1]), along.T).T
-    visible = np.sum(signatures**2, axis=1) - np.sum(along * hidden, axis=1)
-    return vectors, signatures, np.maximum(visible, 0.0)
 
 
 def force_sensor(problem: Problem, base: Candidate) -> float:

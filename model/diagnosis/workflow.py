@@ -17,14 +17,8 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.decide import WITHOUT_NAME, Verdict, verdict_of
 from model.diagnosis.ends import at_an_end
 from model.diagnosis.forms import share_odds
-from model.diagnosis.hypotheses import (
-    FORCE_SENSOR,
-    Candidate,
-    Hypotheses,
-    fit_pairs,
-    force_sensor,
-    unseen,
-)
+from model.diagnosis.hidden import unseen
+from model.diagnosis.hypotheses import FORCE_SENSOR, Candidate, Hypotheses, fit_pairs, force_sensor
 from model.diagnosis.learned import LearnedTerm, learn
 from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import Noise
@@ -112,7 +106,7 @@ def weighed(setting: Setting, audit: Audit, progress: Progress) -> Hypotheses:
         singles=setting.singles,
         pairs=fit_pairs(problem, setting.singles, progress),
         untestable=audit.untestable,
-        hidden={kind.name: unseen(problem, base, kind) for kind in audit.kinds},
+        hidden={kind.name: unseen(problem, base.fit, kind) for kind in audit.kinds},
         outside={FORCE_SENSOR: force_sensor(problem, base)},
     )
 

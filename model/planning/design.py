@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.data import Measurements
-from model.diagnosis.hypotheses import Candidate, testable_effects, unseen_draws
+from model.diagnosis.hidden import unseen_draws
+from model.diagnosis.hypotheses import Candidate, testable_effects
 from model.diagnosis.model_fit import STEP
 from model.diagnosis.noise import shared_std
 from model.diagnosis.space import FARTHEST, Predictor
@@ -117,7 +118,7 @@ def design_for_unseen(
     testable = testable_effects(pool.observations, findings.problem.predictor.description.effects)
     kinds = [kind for kind in testable if only is None or kind.name in only]
     problem, base = findings.problem, findings.hypotheses.base
-    draws = {kind: unseen_draws(problem, base, kind) for kind in kinds}
+    draws = {kind: unseen_draws(problem, base.fit, kind) for kind in kinds}
     unseen = _unseen(findings, draws, pool, _own_std(findings, diagnosis.data, pool))
     choices, reach = list[Choice](), dict[str, float]()
     for reach_of in (most_by_one, by_all):

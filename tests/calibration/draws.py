@@ -20,7 +20,8 @@ from haptic_driver.rig.config import load_rig
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.form import form_terms
-from model.diagnosis.hypotheses import NO_TRACE, testable_effects
+from model.diagnosis.hidden import NO_TRACE
+from model.diagnosis.hypotheses import testable_effects
 from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.noise import noise_of
 from model.diagnosis.priors import (

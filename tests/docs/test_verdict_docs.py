@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from model.diagnosis.forms import Share, share_odds
-from model.diagnosis.hypotheses import NO_TRACE
+from model.diagnosis.hidden import NO_TRACE
 from model.diagnosis.priors import (
     AMPLITUDES,
     EXACT,

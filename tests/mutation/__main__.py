@@ -53,9 +53,9 @@ TESTS = {
     "model/friction.py": ["tests/model/test_friction.py"],
     "model/diagnosis/posterior.py": DECISION,
     "model/diagnosis/decide.py": DECISION,
+    "model/diagnosis/hidden.py": ["tests/model/diagnosis/test_unseen.py"],
     "model/diagnosis/hypotheses.py": [
         "tests/model/diagnosis/test_pairs.py",
-        "tests/model/diagnosis/test_unseen.py",
         "tests/model/diagnosis/test_force_sensor.py",
     ],
 }

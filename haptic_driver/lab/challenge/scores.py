@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from haptic_driver.lab.challenge.answers import Answer, Region
-from model.diagnosis.hypotheses import NO_TRACE
+from model.diagnosis.hidden import NO_TRACE
 from model.support.arrays import Array, Mask
 
 VISIBLE = 75.0  # lambda from which an effect counts as visible

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from model.diagnosis.hypotheses import NO_TRACE, unseen
+from model.diagnosis.hidden import NO_TRACE, unseen
 from model.diagnosis.space import FARTHEST
 from model.effects import BY_NAME
 
@@ -19,7 +19,7 @@ def evidence_of_the_unseen(
     signature: np.ndarray, residual: np.ndarray, nuisance: np.ndarray, at: float = 0.0
 ) -> float:
     """`signature` [n] per prior standard deviation of an effect that is linear in its parameter;
-    base evidence 0.
+    beside that of nothing missing.
 
     `at`: where the base model's one parameter was fitted.
     """
@@ -28,11 +28,10 @@ def evidence_of_the_unseen(
         return residual - (vectors - np.array([at, 0.0])) @ np.stack([nuisance, signature])
 
     problem: Any = SimpleNamespace(whitened=whitened)
-    fit = SimpleNamespace(
+    base: Any = SimpleNamespace(
         vector=np.array([at]), residual=residual, jacobian=nuisance[:, None], scale2=1.0
     )
-    base: Any = SimpleNamespace(fit=fit, alone=SimpleNamespace(log_evidence=0.0))
-    return unseen(problem, base, EFFECT).log_evidence
+    return unseen(problem, base, EFFECT).log_odds
 
 
 @pytest.mark.parametrize(("size", "residual"), [(0.5, 0.0), (2.0, 1.0), (20.0, -1.0)])
