@@ -258,14 +258,9 @@ class FingerConfig(Section):
         default=0.15, description="above the wobble of an unloaded force sensor"
     )
     contact_off_n: LoadNewtons = Field(default=0.10, description="the finger has left below")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _drop_the_time_constant(cls, said: Any) -> Any:
-        """Files of people have one; the filter follows the panel and asks for none."""
-        if isinstance(said, dict):
-            return {key: value for key, value in said.items() if key != "velocity_time_constant_s"}
-        return said
+    velocity_time_constant_s: float | None = Field(
+        default=None, description="not used, and in older files: the filter follows the panel"
+    )
 
 
 class ControllerConfig(Section):

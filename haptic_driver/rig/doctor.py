@@ -47,6 +47,9 @@ def _figures(at: Examination) -> Checks:
     for missing in at.rig.unverified:
         said = f"{missing} unset: the rig refuses to come on"
         yield at.failed(said, "measure, then write it down")
+    if at.rig.finger.velocity_time_constant_s is not None:
+        said = "finger.velocity_time_constant_s is not used: the filter follows the panel's reports"
+        yield at.called("finger").warning(said, "remove it from the rig's file")
     for key, section in at.rig.signed_sections.items():
         if section.verified and section.measured_at is not None:
             name = key.rpartition(".")[2].replace("_", " ")

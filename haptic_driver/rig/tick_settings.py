@@ -57,7 +57,8 @@ def finger_settings(
     """The finger's stage of a rig, which knows how its tracker reports."""
     reports = reports_of(config.finger_tracker)
     return FingerSettings(
-        **config.finger.model_dump(),
+        contact_on_n=config.finger.contact_on_n,
+        contact_off_n=config.finger.contact_off_n,
         output_latency_s=output_latency_s,
         longest_age_s=longest_age_s,
         position_noise_m=reports.noise_m,

@@ -150,10 +150,11 @@ def near(columns: Sequence[str], known: Sequence[str]) -> dict[str, Near]:
     """Columns of a file that are ours in another unit or other capitals, or without a unit."""
     found: dict[str, Near] = {}
     there = set(columns)
+    strange = [column for column in columns if column not in known]
     for ours in known:
         if ours in there:
             continue
-        others = by_other_names(columns, ours)
+        others = by_other_names(strange, ours)
         if others:
             found[ours] = others[0]
     return found

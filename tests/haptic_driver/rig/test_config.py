@@ -2,6 +2,7 @@
 keeps it off.
 """
 
+import datetime
 import re
 import tomllib
 from pathlib import Path
@@ -9,8 +10,11 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.rig.check import Examination
 from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.doctor import examinations
 from haptic_driver.rig.parts.force_sensors import NiForceSensorConfig
+from haptic_driver.rig.tick_settings import finger_settings
 from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, changed
 
 RIGS = CONFIGS / "rigs"
@@ -46,6 +50,7 @@ def test_the_template_holds_every_key_but_those_of_other_variants():
         explained |= (
             {"model", "hide"} if name == "simulation" else set()
         )  # of a simulation, told in its own files
+        explained |= {"velocity_time_constant_s"} if name == "finger" else set()  # of older files
         assert set(type(section).model_fields) - explained - {"modulation_input"} == set(), name
         assert set(said.get(name, {})) <= set(type(section).model_fields)
 
@@ -116,8 +121,14 @@ def test_no_word_about_how_much_contact_the_limits_hold_for_keeps_a_real_rig_off
 def test_a_file_that_smooths_velocity_is_read_as_one_that_does_not(tmp_path):
     older = changed(SIMULATED, ("[finger]", "[finger]\nvelocity_time_constant_s = 0.010"))
     (tmp_path / "older.toml").write_text(older)
-    now = load_rig("simulated")
-    assert load_rig(str(tmp_path / "older.toml")).finger == now.finger
+    old, now = load_rig(str(tmp_path / "older.toml")), load_rig("simulated")
+    assert finger_settings(old, 0.0) == finger_settings(now, 0.0)
+    for rig, told in ((old, ["finger"]), (now, [])):
+        name, examine = next(examinations(rig))
+        checks = Examination(name, rig, datetime.date(2026, 1, 1)).told(examine)
+        assert [
+            c.name for c in checks if "velocity_time_constant_s is not used" in c.message
+        ] == told
 
 
 def test_the_interlocks_port_is_not_the_watchdogs(tmp_path):
