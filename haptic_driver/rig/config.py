@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, FiniteFloat, WithJsonSchema, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from haptic_driver.base.units import readable
 from haptic_driver.config import Section, Within, find_config, parse
@@ -258,9 +259,8 @@ class FingerConfig(Section):
         default=0.15, description="above the wobble of an unloaded force sensor"
     )
     contact_off_n: LoadNewtons = Field(default=0.10, description="the finger has left below")
-    velocity_time_constant_s: float | None = Field(
-        default=None, description="not used, and in older files: the filter follows the panel"
-    )
+    # in older files, and not used: the filter follows the panel
+    velocity_time_constant_s: SkipJsonSchema[float | None] = None
 
 
 class ControllerConfig(Section):
