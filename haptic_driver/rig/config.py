@@ -260,7 +260,9 @@ class FingerConfig(Section):
     )
     contact_off_n: LoadNewtons = Field(default=0.10, description="the finger has left below")
     # in older files, and not used: the filter follows the panel
-    velocity_time_constant_s: SkipJsonSchema[float | None] = None
+    velocity_time_constant_s: SkipJsonSchema[
+        Annotated[float, Within(0.0, 10.0, "no finger was smoothed for longer")] | None
+    ] = None
 
 
 class ControllerConfig(Section):

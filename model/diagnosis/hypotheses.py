@@ -20,7 +20,7 @@ from model.diagnosis.evidence import Evidence, evidence, evidence_beside, explai
 from model.diagnosis.form import form_terms
 from model.diagnosis.hidden import Hidden
 from model.diagnosis.model_fit import Fit, Problem
-from model.diagnosis.priors import LOG_PRIOR_EACH, NONE, SENSOR_SHARES
+from model.diagnosis.priors import AMPLITUDES, LOG_PRIOR_EACH, NONE
 from model.diagnosis.witness import FRICTION
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
@@ -253,9 +253,9 @@ def force_sensor(problem: Problem, base: Candidate) -> float:
     shifts_n = np.stack([np.full(load_n.size, LOAD_REFERENCE_N), load_n], axis=1)
     shown = problem.noise.whiten(np.where(friction[:, None], shifts_n / lateral_n[:, None], 0.0))
     target = fit.residual + fit.jacobian @ fit.vector
-    spreads = [np.hstack([fit.jacobian, share * shown]) for share in SENSOR_SHARES]
+    spreads = [np.hstack([fit.jacobian, share * shown]) for share in AMPLITUDES]
     logs = [log_marginal(target, spread, problem.noise) for spread in spreads]
-    return float(logsumexp(logs) - np.log(len(SENSOR_SHARES)))
+    return float(logsumexp(logs) - np.log(len(AMPLITUDES)))
 
 
 def _evidence(candidate: Candidate) -> float:

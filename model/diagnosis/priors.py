@@ -14,10 +14,9 @@ PRIOR_EFFECTS = 1.0 - PRIOR_NONE - PRIOR_UNKNOWN  # shared by all of the catalog
 # is off otherwise, as a share of its signature (each witness apart) or of its strength (together).
 EXACT = 0.25
 FORM_ERRORS = (0.025, 0.05, 0.1), (0.05, 0.1, 0.2)
-# Of a discrepancy of unknown shape, standard deviation of log friction, of log amounts, or rad.
-AMPLITUDES = (0.005, 0.012, 0.03, 0.08, 0.2)
+# Of a discrepancy of unknown shape: standard deviation of log friction, of log amounts, or rad.
 # Of a force sensor that reads the load: share of it, and as much of LOAD_REFERENCE_N for its zero.
-SENSOR_SHARES = (0.01, 0.03, 0.1, 0.3)
+AMPLITUDES = (0.005, 0.012, 0.03, 0.08, 0.2)
 
 SURE = 0.95  # the probability that a name, or a list of names, must have
 

@@ -19,7 +19,6 @@ from model.diagnosis.priors import (
     PRIOR_EFFECTS,
     PRIOR_NONE,
     PRIOR_UNKNOWN,
-    SENSOR_SHARES,
     SURE,
 )
 from model.effects import CATALOGUE
@@ -51,7 +50,6 @@ def rows() -> dict[str, str]:
         ("inexact form, each witness", f"{percents(FORM_ERRORS[0])} of the signature"),
         ("inexact form, all together", f"{percents(FORM_ERRORS[1])} of the strength"),
         ("discrepancy", percents(AMPLITUDES)),
-        ("force sensor", f"{percents(SENSOR_SHARES)} of the load"),
         ("no trace", f"*lambda* below {NO_TRACE:g}"),
         ("SURE", f"{SURE:g}"),
         ("ALIKE", f"{ALIKE:.1f}"),

@@ -29,8 +29,9 @@ GRATING = Grating(0.70, 0.10, 10e-3)
 @pytest.fixture(scope="module")
 def stages(surface, surface_file, limits, rig_config):
     def make(texture):
+        touch = rig_config.finger
         finger = FingerSettings(
-            **rig_config.finger.model_dump(), output_latency_s=rig_config.output.latency_s
+            touch.contact_on_n, touch.contact_off_n, rig_config.output.latency_s
         )
         controller = Controller(ControllerSettings(surface, limits))
         drive = DriveSettings(rig_config.output.voltage_rise_v_per_s)

@@ -53,10 +53,10 @@ def render(surface, surface_file, limits, rig_config, touch):
     def run(
         texture, gain, speed_m_s=0.04, force_n=0.5, rise_gain=1.0, feedback=True, rig=rig_config
     ):
-        latency_s = rig_config.output.latency_s
+        latency_s, finger = rig_config.output.latency_s, rig_config.finger
         law = FeedbackSettings(latency_s) if feedback else None
         stages = TickSettings(
-            FingerSettings(**rig_config.finger.model_dump(), output_latency_s=latency_s),
+            FingerSettings(finger.contact_on_n, finger.contact_off_n, latency_s),
             texture,
             Controller(ControllerSettings(surface, limits, feedback=law)),
             limits,

@@ -81,9 +81,10 @@ class FaultyNetFt(NetFtServer):
             return
         if self._spoiled_by is RdtFault.FROZEN:
             self._f_t_sequence -= 1
-        status_raw = self.status_raw
-        if self._spoiled_by is RdtFault.BAD_STATUS:
-            self.status_raw = BAD_STATUS_RAW
+        if self._spoiled_by is not RdtFault.BAD_STATUS:
+            super()._emit()  # and a test may set the status meanwhile
+            return
+        status_raw, self.status_raw = self.status_raw, BAD_STATUS_RAW
         super()._emit()
         self.status_raw = status_raw
 
