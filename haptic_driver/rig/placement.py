@@ -95,8 +95,9 @@ def at_turns(settings: FingerSettings, reports: Reports, speed_m_s: float) -> tu
         if time_s < turn_s or since_s > 3.0 * interval_s:
             continue
         for age in range(AGES):
-            ahead_s = (age + 0.5) / AGES * interval_s + settings.output_latency_s
-            rendered_m = state.position_x_m + state.velocity_x_m_s * ahead_s
-            errors_m.append(abs(rendered_m - swing_m * math.sin(per_s * (time_s + ahead_s))))
+            now_s = time_s + (age + 0.5) / AGES * interval_s
+            _, finger = track(settings, state, seen._replace(now_s=now_s))
+            acts_s = now_s + settings.output_latency_s
+            errors_m.append(abs(finger.position_x_m - swing_m * math.sin(per_s * acts_s)))
     median_m, most_m = np.percentile(errors_m, [50.0, 95.0]).tolist()
     return median_m, most_m
