@@ -1,7 +1,6 @@
 """All tests, a kind after the other: `python -m tests [--quick] [arguments of pytest]`.
 
-As many pure tests run at once as there are cores. Tests with processes wait a fifth of their time,
-so one more of them runs. Tests of real time run alone.
+As many run at once as there are cores. Tests of real time run alone.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from tests import kinds
 CORES = len(os.sched_getaffinity(0))
 KINDS = {
     "pure": ("not process and not realtime and not soak", CORES),
-    "process": ("process and not realtime and not soak", CORES + 1),
+    "process": ("process and not realtime and not soak", CORES),
     "realtime": ("realtime and not soak", 1),
 }
 NOTHING_COLLECTED = 5

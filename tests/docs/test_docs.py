@@ -228,7 +228,7 @@ def daemon(tmp_path_factory):
         assert "is ready at" in process.stdout.readline(), (home / "log").read_text()
         page = process.stdout.readline().partition("page, for you alone: ")[2].strip()
         assert "<title>" in httpx.get(page, timeout=HANG_S, trust_env=False).text
-        yield environment | {"PAGE": page}
+        yield environment | {"PAGE": page, "LOG": str(home / "log")}
         process.send_signal(signal.SIGINT)
         assert process.wait(HANG_S) == 0, (home / "log").read_text()
 
@@ -391,7 +391,7 @@ def test_the_recipe_for_psychopy(monkeypatch):
     assert marked[-1].data == {"trial": 1, "answer": "y"}
 
 
-@pytest.mark.process
+@pytest.mark.realtime
 def test_the_recipe_for_javascript(lab):
     if (node := shutil.which("node")) is None:
         pytest.skip("no node")
@@ -403,10 +403,10 @@ def test_the_recipe_for_javascript(lab):
     environment = lab | {"HAPTIC_TOKEN": page.params["token"]}
     done = printed([node, *options, "--eval", code], environment)
     assert done.returncode == 0, done.stderr
-    assert re.fullmatch(r"(\w+ 0\.6 \S+\n){10}", done.stdout)
+    assert re.fullmatch(r"(\w+ 0\.6 \S+\n){10}", done.stdout), Path(lab["LOG"]).read_text()
 
 
-@pytest.mark.process
+@pytest.mark.realtime
 @pytest.mark.parametrize("mark", ["matlab", "csharp"])
 def test_what_other_languages_send_is_what_the_daemon_takes(lab, mark):
     """Neither runs here; their requests do, in the order in which they stand."""
@@ -420,7 +420,7 @@ def test_what_other_languages_send_is_what_the_daemon_takes(lab, mark):
     ) as http:
         for path, body in [*asked, ("/disarm", {})]:
             answer = http.post(path, json=body, headers=headers)
-            assert answer.status_code == 200, (path, answer.text)
+            assert answer.status_code == 200, (path, answer.text, Path(lab["LOG"]).read_text())
             if path == "/arm":
                 headers["X-Haptic-Lease"] = answer.json()["token"]
 
