@@ -77,6 +77,7 @@ THREADS = (
     Part("pat", "control", "daemon/service.py", "tells systemd that ticks advance"),
     Part("say", "control", "cli/daemon.py", "messages to a terminal, which may be stopped"),
     Part("bounded", "any", "processes/patience.py", "work that may hang and is waited for so long"),
+    Part("ahead", "recorder", "recording/process.py", "takes ticks while a disk is awaited"),
     Part("linger", "instruments", "simulation/process.py", "ends them after their daemon"),
     Part("lease", "a client", "client.py", "renews a client's lease"),
 )

@@ -17,8 +17,9 @@ import pickle
 import signal
 import socket
 import sys
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,8 @@ from typing import Any
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
-from haptic_driver.processes.shared_memory import SharedState, Taken
+from haptic_driver.processes.shared_memory import Ring, SharedState, Taken
+from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.records import records_of
 from haptic_driver.recording.writer import INTERVAL_S, RunHeader, RunWriter, left_in, record, where
@@ -36,6 +38,8 @@ START_TIMEOUT_S = 60.0  # on a busy machine
 STOP_TIMEOUT_S = 10.0
 SLOWEST_BYTES_S = 4e6  # at which HDF5 is made of a run meanwhile
 MOST_BYTES = 1 << 17  # of one datagram
+AHEAD_S = 4.0  # between two looks at the ring, which holds 16 s
+MOST_HELD = 1 << 20  # ticks, 17 minutes and 260 MB: what a disk may stand still for
 
 
 @dataclass(frozen=True)
@@ -140,6 +144,43 @@ class Recorder:
                     self.missing, self._news = message["missing"], [*self._news, *message["news"]]
 
 
+class Ahead:
+    """Ticks taken out of the ring in time, whatever the disk keeps the recorder waiting for.
+
+    A thread of its own takes them, for as long as this process lives. Beyond `MOST_HELD` they stay
+    in the ring, which counts those that it loses.
+    """
+
+    def __init__(
+        self, ring: Ring, position: int, sleep: Callable[[float], object] = time.sleep
+    ) -> None:
+        self._ring = ring
+        self._position = position
+        self._held: list[Taken] = []
+        self._lock = threading.Lock()
+        self._sleep = sleep
+        start_thread("ahead", self._run)
+
+    def drain(self) -> Sequence[Taken]:
+        """What has come since the last time."""
+        with self._lock:
+            self._take()
+            held, self._held = self._held, []
+        return held
+
+    def _run(self) -> None:
+        while True:
+            self._sleep(AHEAD_S)
+            with self._lock:
+                if sum(len(taken.samples) for taken in self._held) < MOST_HELD:
+                    self._take()
+
+    def _take(self) -> None:
+        taken = self._ring.read(self._position)
+        self._position = taken.position
+        self._held.append(taken)
+
+
 class _Talk:
     """The recorder's end of the conversation."""
 
@@ -188,14 +229,7 @@ def main() -> int:
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # too large a file is an error like a full disk
     shared, talk = SharedState(int(sys.argv[1])), _Talk(int(sys.argv[2]))
     settings: RecorderSettings = parent.given()
-    position = settings.position
-
-    def drain() -> Taken:
-        nonlocal position
-        taken = shared.ring.read(position)
-        position = taken.position
-        return taken
-
+    ahead = Ahead(shared.ring, settings.position)
     try:
         writer = RunWriter(settings.path, settings.header)
     except HapticError as error:
@@ -203,7 +237,7 @@ def main() -> int:
         return 1
     parent.tell({"recording": str(settings.path)})
     try:
-        missing = record(writer, drain, talk.wait, talk.tell)
+        missing = record(writer, ahead.drain, talk.wait, talk.tell)
     except HapticError as error:
         talk.say_last(f"{error.message}. {error.hint}")
         return 1

@@ -185,7 +185,7 @@ class RunWriter:
 
 def record(
     writer: RunWriter,
-    drain: Callable[[], Taken],
+    drain: Callable[[], Sequence[Taken]],
     wait: Callable[[], tuple[Sequence[Event], bool]],
     tell: Callable[[str | None, Sequence[str]], object] = lambda missing, news: None,
 ) -> str | None:
@@ -198,8 +198,9 @@ def record(
     over = False
     while not over:
         events, over = wait()
-        taken = drain()
-        writer.append(Chunk(taken.samples, taken.lost, events))
+        for taken in drain():
+            writer.append(Chunk(taken.samples, taken.lost, events))
+            events = ()
         tell(writer.missing, writer.news())
     return writer.close()
 

@@ -10,6 +10,7 @@ import socket
 import stat
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -20,14 +21,15 @@ import pytest
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import SAMPLE
-from haptic_driver.processes.shared_memory import RING_SAMPLES
+from haptic_driver.processes.shared_memory import RING_SAMPLES, Ring
 from haptic_driver.recording import records
 from haptic_driver.recording.clock import ClockOffsets
 from haptic_driver.recording.event import Event
-from haptic_driver.recording.process import Recorder
+from haptic_driver.recording.process import Ahead, Recorder
 from haptic_driver.recording.read import read_run, run_names
 from haptic_driver.recording.records import records_in, records_of, say
 from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter
+from haptic_driver.recording.writer import record as record_run
 from tests.haptic_driver.daemon.ticks import made_tick
 from tests.waiting import until
 
@@ -783,3 +785,61 @@ def test_a_run_ends_in_good_order_when_control_is_gone(tmp_path, shared, header)
     assert read_run(tmp_path / "run.h5").samples["tick"].tolist() == list(range(30))
     assert read_run(tmp_path / "run.h5").attributes["complete"] is True
     recorder._child.stop()
+
+
+class Paces:
+    """A ring of 100 ticks, with ticks put there, and the thread that takes them, a look at a
+    time.
+    """
+
+    def __init__(self):
+        self.ring = Ring(memoryview(bytearray(64 + 100 * SAMPLE.itemsize)), SAMPLE, 100)
+        self._look, self._looked = threading.Semaphore(0), threading.Semaphore(0)
+        self.ahead = Ahead(self.ring, 0, sleep=self._sleep)
+        self._looked.acquire()
+
+    def put(self, count):
+        for _ in range(count):
+            self.ring.write(made_tick(self.ring.position))
+
+    def look(self):
+        self._look.release()
+        self._looked.acquire()
+
+    def _sleep(self, _):
+        self._looked.release()
+        self._look.acquire()
+
+
+def test_a_disk_that_stands_still_for_longer_than_the_ring_holds_costs_no_tick(
+    tmp_path, header, monkeypatch
+):
+    """8,602 ticks were once missing, since 25 s passed before the first were on the disk."""
+    paces, fsync = Paces(), os.fsync
+
+    def standing_still(descriptor):
+        for _ in range(3):
+            paces.put(80)
+            paces.look()
+        fsync(descriptor)
+
+    monkeypatch.setattr("os.fsync", standing_still)
+    writer = RunWriter(tmp_path / "run.h5", header)
+    ends = iter([((EVENTS[0],), False), ((EVENTS[1],), True)])
+    assert record_run(writer, paces.ahead.drain, lambda: next(ends)) is None
+    run = read_run(tmp_path / "run.h5")
+    assert run.samples["tick"].tolist() == list(range(len(run.samples)))
+    assert len(run.samples) > 1000
+    assert [event.number for event in run.events] == [4, 5]
+
+
+def test_ticks_held_for_a_disk_have_an_end_and_those_lost_are_counted(monkeypatch):
+    monkeypatch.setattr("haptic_driver.recording.process.MOST_HELD", 150)
+    paces = Paces()
+    for _ in range(4):
+        paces.put(80)
+        paces.look()
+    first, second, last = paces.ahead.drain()
+    assert [len(first.samples), len(second.samples)] == [80, 80]
+    assert (last.lost + len(last.samples), last.samples["tick"][-1]) == (160, 319)
+    assert last.lost > 0
