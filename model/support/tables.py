@@ -70,8 +70,8 @@ class Table:
     A row that ends early has empty cells. Empty rows, lines that begin with #, and empty columns
     without a name at the end are left out. `wanted` is the hint that says what the file must look
     like; `content_hash` the SHA-256 of the file. `notes`: what its reader took another way than it
-    stands there. `wrong`: by row what its reader cannot use, to
-    report all rows at once.
+    stands there. `added`: columns under our names that are not in the file. `wrong`: by row what
+    its reader cannot use, to report all rows at once.
     """
 
     path: Path
@@ -81,6 +81,7 @@ class Table:
     wanted: str
     content_hash: str
     notes: tuple[str, ...] = ()
+    added: tuple[str, ...] = ()
     wrong: dict[int, list[ModelError]] = field(default_factory=dict)
 
     def refuse(self, row: int, error: ModelError) -> None:
@@ -122,7 +123,9 @@ class Table:
 
     def require(self, column: str) -> None:
         """ModelError where there is no such column."""
-        _require(self.path, self.columns, column, self.wanted)
+        if column not in self.columns:
+            found = [name for name in self.columns if name not in self.added]
+            _require(self.path, found, column, self.wanted)
 
     def text(self, column: str) -> list[str]:
         """One column as it is written."""
@@ -360,7 +363,7 @@ def _under_our_names(table: Table, named: Mapping[str, Named]) -> Table:
     columns = {ours: _in_ours(table, ours, one) for ours, one in named.items()}
     rows = [row | {ours: columns[ours][i] for ours in named} for i, row in enumerate(table.rows)]
     added = [ours for ours in named if ours not in table.columns]
-    return replace(table, columns=[*table.columns, *added], rows=rows)
+    return replace(table, columns=[*table.columns, *added], rows=rows, added=tuple(added))
 
 
 def _in_ours(table: Table, ours: str, one: Named) -> list[str]:

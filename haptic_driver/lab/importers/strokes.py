@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.fidelity.sliding import since, turns
 from haptic_driver.files import bad_input
+from haptic_driver.lab.force_signal import FEWEST, SLIDES, ZERO, clipped, count_of, frozen, outliers
 from haptic_driver.lab.importers import Asked, Made, profiled
 from haptic_driver.signals import SETTLED_M, SLIDING_M_S, Array
 from haptic_driver.textures.description import LONGEST_TABLE_ROWS
@@ -33,6 +34,8 @@ POSITIONS_M = {
 COLUMNS = [*POSITIONS_M, "normal_force_n", "lateral_force_n", "time_s"]
 SEVERAL = "Give each stroke a file of its own, or times that go on from one to the next"
 MOSTLY = 0.5  # of the rows
+BOTH_WAYS = 0.2  # of the rows that slide: to either side at least
+ONE_SIDED = 0.1  # of the lateral force: a zero that strokes to either side show
 WANTED = (
     "Columns: position_mm (or position_m), normal_force_n, lateral_force_n, and time_s if there is"
     " one; where they have other names: --column position_mm=NAME"
@@ -55,7 +58,8 @@ class FrictionAlong(NamedTuple):
     """Friction [n] over increasing positions.
 
     `share_used`: of the rows, those that slide in contact; `widest_gap_m`: the longest way without
-    any of them; `speed_m_s`: the median of theirs, NaN where unknown.
+    any of them; `speed_m_s`: the median of theirs, NaN where unknown. `doubts`: what the forces
+    leave in doubt.
     """
 
     position_m: Array
@@ -63,6 +67,7 @@ class FrictionAlong(NamedTuple):
     share_used: float
     widest_gap_m: float
     speed_m_s: float
+    doubts: tuple[str, ...]
 
 
 def read_strokes(path: Path, named: Mapping[str, Named] = NO_NAMES) -> Strokes:
@@ -94,18 +99,19 @@ def over_position(strokes: Strokes, source: Path, asked: Asked, direction_deg: f
     """The texture of strokes along a direction; raises as `friction_over_position`."""
     require_range("--pitch-mm", 1e3 * asked.pitch_m, *PITCH_MM, unit=" mm")
     felt = friction_over_position(strokes, asked.pitch_m, str(source))
+    doubts = [*strokes.doubts, *felt.doubts]
     found = {
         "share_used": felt.share_used,
         "widest_gap_mm": 1e3 * felt.widest_gap_m,
         "speed_m_s": felt.speed_m_s,
         "length_mm": 1e3 * float(felt.position_m[-1] - felt.position_m[0]),
-        "doubts": list(strokes.doubts),
+        "doubts": doubts,
     }
     used = (
         f"{felt.share_used:.1%} of the rows count: they slide in contact; longest way without any"
         f" {found['widest_gap_mm']:.3g} mm"
     )
-    words = "; ".join([used, *strokes.doubts])
+    words = "; ".join([used, *doubts])
     how: dict[str, Any] = {"direction_deg": direction_deg, "outside": "nothing"}
     how["perceptual_gain"] = asked.perceptual_gain
     return profiled(felt.position_m, felt.cof, words, found, **how)
@@ -136,8 +142,8 @@ def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> Fric
     Strokes to either side count alike, so that a sensor's offset cancels where there are as many of
     both. Where no speed is known, every row in contact counts. Places where nobody slid are left
     out, and where a stroke begins or turns the way over which the skin only stretches. `where`
-    names the source in errors: BadInputError where too little slides, or what it gives is no
-    friction.
+    names the source in errors. BadInputError where too little slides, where a force is clipped or
+    stands still, or what they give is no friction.
     """
     _check_sign(strokes.normal_force_n, where)
     usable = (strokes.normal_force_n >= LEAST_LOAD_N) & np.isfinite(
@@ -145,7 +151,9 @@ def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> Fric
     )
     if strokes.speed_m_s is not None:
         usable &= np.abs(strokes.speed_m_s) >= SLIDING_M_S
+    usable, doubts = _looked(strokes, usable, where)
     usable &= _settled(strokes, usable)
+    doubts += _zero(strokes, usable)
     position_m, load_n, lateral_n = (column[usable] for column in strokes[:3])
     places = _places(
         position_m, pitch_m, f"{where}: {position_m.size} of {usable.size} rows slide in contact"
@@ -163,9 +171,8 @@ def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> Fric
     speed_m_s = (
         np.nan if strokes.speed_m_s is None else float(np.median(np.abs(strokes.speed_m_s[usable])))
     )
-    return FrictionAlong(
-        along_m, cof, float(usable.mean()), float(np.diff(along_m).max()), speed_m_s
-    )
+    gap_m = float(np.diff(along_m).max())
+    return FrictionAlong(along_m, cof, float(usable.mean()), gap_m, speed_m_s, tuple(doubts))
 
 
 def _check_sign(load_n: Array, where: str) -> None:
@@ -176,6 +183,64 @@ def _check_sign(load_n: Array, where: str) -> None:
         said = f"{where}: {count} loads are negative, {np.median(load_n):.3g} N in the median"
         hint = "Give the force that presses on the surface as positive: change its sign"
         raise BadInputError("bad_strokes", said, hint)
+
+
+def _looked(
+    strokes: Strokes, usable: NDArray[np.bool_], where: str
+) -> tuple[NDArray[np.bool_], list[str]]:
+    """Rows [n] in which both forces are alive, and what that leaves in doubt.
+
+    BadInputError for a force that is clipped, far outside its own noise, or still for long.
+    """
+    alive, doubts = usable.copy(), list[str]()
+    for name in ("normal_force_n", "lateral_force_n"):
+        force_n = getattr(strokes, name)
+        if (end := clipped(force_n, usable)) is not None:
+            said = f"is clipped at {force_n[end.at]:.4g} N in {end.share:.0%} of its sliding rows"
+            raise _refused(strokes, where, name, end.at, said, "Measure again in a wider range")
+        still = frozen(force_n) & usable
+        at, share = int(np.argmax(still)), float(still.sum() / max(usable.sum(), 1))
+        stands = f"stands still at {force_n[at]:.4g} N in {share:.0%} of its sliding rows"
+        if share > 1.0 - SLIDES:
+            hint = "Leave these rows out, or measure again"
+            raise _refused(strokes, where, name, at, stands, hint)
+        wrong = np.flatnonzero(usable)[outliers(force_n[usable], count_of(force_n))]
+        if wrong.size:
+            said = f"is {force_n[wrong[0]]:.4g} N, far outside its own noise"
+            raise _refused(strokes, where, name, int(wrong[0]), said, "Leave such rows out")
+        if still.any():
+            doubts.append(f"{name} {stands}: left out")
+            alive &= ~still
+    return alive, doubts
+
+
+def _refused(
+    strokes: Strokes, where: str, name: str, row: int, said: str, hint: str
+) -> BadInputError:
+    place = f"at {1e3 * strokes.position_m[row]:.4g} mm, row {row + 1}"
+    return BadInputError("bad_strokes", f"{where}: {name} {said}, {place}", hint)
+
+
+def _zero(strokes: Strokes, usable: NDArray[np.bool_]) -> list[str]:
+    """What the forces say of their zeros: by rows without load, and by strokes to either side."""
+    lateral_n, told = strokes.lateral_force_n, list[str]()
+    sides = [lateral_n[usable & (sign * lateral_n > 0.0)] for sign in (1.0, -1.0)]
+    if not all(side.size for side in sides):
+        sides = []
+    size_n = float(np.mean(np.abs(lateral_n[usable]))) if usable.any() else 0.0
+    free_n = lateral_n[(strokes.normal_force_n < LEAST_LOAD_N) & np.isfinite(lateral_n)]
+    if free_n.size >= FEWEST and abs(zero_n := float(np.median(free_n))) > ZERO * size_n:
+        told.append(f"without load the lateral force reads {1e3 * zero_n:.3g} mN")
+    if sides and min(len(side) for side in sides) >= BOTH_WAYS * usable.sum():
+        one_n, other_n = (abs(float(np.median(side))) for side in sides)
+        if abs(one_n - other_n) > 2.0 * ONE_SIDED * size_n:
+            told.append(
+                f"the lateral force is {one_n:.3g} N one way and {other_n:.3g} N the other: is its"
+                " zero wrong?"
+            )
+    elif free_n.size < FEWEST:
+        told.append("nothing shows the zeros of the forces: no row without load, no way back")
+    return told
 
 
 def _settled(strokes: Strokes, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:

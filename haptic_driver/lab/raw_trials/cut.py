@@ -14,10 +14,11 @@ import numpy as np
 from haptic_driver.errors import BadInputError
 from haptic_driver.fidelity.average import WINDOW_COLUMNS, average
 from haptic_driver.files import bad_input
+from haptic_driver.lab.force_signal import FEWEST, SLIDES
 from haptic_driver.lab.importers.strokes import speed_over
 from haptic_driver.lab.raw_trials.columns import Source, open_columns
-from haptic_driver.lab.raw_trials.look import SLIDES, Doubt, Span, look_at
-from haptic_driver.lab.raw_trials.quantities import FEWEST, Quantities, given_roles, quantities
+from haptic_driver.lab.raw_trials.look import Doubt, Span, look_at
+from haptic_driver.lab.raw_trials.quantities import Quantities, given_roles, quantities
 from haptic_driver.lab.raw_trials.trial_map import (
     QUANTITIES,
     TEXTS,

@@ -33,6 +33,7 @@ DONE = {
     "burst": "the voltage comes on several times: a trial for each",
     "clipped": "a force has hardly any noise at an end of its range: is it clipped?",
     "flat": "a force is the same number throughout a window",
+    "frozen": "a force stood still for a part of a window, which was left out",
     "from_start": "the voltage is on from the first sample: an offset, or a window too late",
     "gap": "samples are missing in a window",
     "impossible": "a number is outside of what a touch can have: is a unit or a gain wrong?",

@@ -8,17 +8,24 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.lab.raw_trials.quantities import FEWEST, Quantities, given_roles
+from haptic_driver.lab.force_signal import (
+    FAR,
+    FEWEST,
+    SLIDES,
+    ZERO,
+    clipped,
+    count_of,
+    frozen,
+    noise_of,
+    outliers,
+)
+from haptic_driver.lab.raw_trials.quantities import Quantities, given_roles
 from haptic_driver.lab.raw_trials.trial_map import TrialMap
 from haptic_driver.signals import Array, Mask
 
-SLIDES = 0.8  # of a window; the rest may be missing
-FAR = 20.0  # of a signal's own spread, beyond which a sample is none of it
 TURNED = 0.05  # of the way
-ZERO = 0.01  # of the lateral force: a zero that is told
 FORCES = ("lateral_force", "normal_force")
 
 
@@ -59,7 +66,10 @@ def look_at(
         for role in FORCES:
             if role in found.columns:
                 _refuse_clipped(found, role, inside, span)  # what is not clipped is no outlier
+                still, told = _frozen(found, role, inside, span)
                 usable &= _without_outliers(found, role, inside, said, doubts)
+                doubts += [Doubt("frozen", f"{told}: left out")] if (still & usable).any() else []
+                usable &= ~still
                 doubts += _resting(found, role, inside & usable, span)
         doubts += _gaps(found, span)
         _refuse_jump(found, inside, span)
@@ -81,43 +91,12 @@ def _refused(found: Quantities, said: str, hint: str) -> BadInputError:
 # --- samples that are none of the signal
 
 
-def outliers(values: Array, step: float) -> Mask:
-    """Samples [n] of a steady stretch far outside its own noise, or without a number.
-
-    No noise is finer than `step`, a count of its converter.
-
-    A short one stands alone by FAR times the noise; a long one is also far beyond all the rest.
-    """
-    finite = np.isfinite(values)
-    if not finite.any():
-        return ~finite
-    filled = np.where(finite, values, np.median(values[finite]))
-    middle = float(np.median(filled))
-    off = np.abs(filled - middle)
-    residual = np.abs(filled - median_filter(filled, 5, mode="nearest"))
-    least = max(step, 1e-9 * abs(middle))
-    spread = max(1.5 * float(np.median(off)), least)
-    noise = max(1.5 * float(np.median(residual)), least)
-    alone = (residual > FAR * noise) & (off > FAR * spread)
-    beyond = off > FAR * (abs(middle) + spread)
-    return np.asarray(~finite | alone | beyond)
-
-
-def _count(values: Array) -> float:
-    """The step of a converter, of which all values are multiples; 0 where they are of none."""
-    steps = np.diff(np.unique(values[np.isfinite(values)]))
-    if steps.size < 2:
-        return 0.0
-    counts = steps / steps.min()
-    return float(steps.min()) if np.allclose(counts, np.rint(counts), atol=1e-3) else 0.0
-
-
 def _without_outliers(
     found: Quantities, role: str, inside: Mask, said: TrialMap, doubts: list[Doubt]
 ) -> Mask:
     wrong = np.zeros(inside.size, bool)
     whole = found.columns[role]
-    wrong[inside] = outliers(whole[inside], _count(whole))
+    wrong[inside] = outliers(whole[inside], count_of(whole))
     if not wrong.any():
         return ~wrong
     at = int(np.argmax(wrong))
@@ -133,27 +112,28 @@ def _without_outliers(
 
 
 def _refuse_clipped(found: Quantities, role: str, inside: Mask, span: Span) -> None:
-    """BadInputError where a signal is most often at the least or greatest number that it ever has.
-
-    Its noise elsewhere must be of several counts of its converter. A number far from all others
-    stands for none.
-    """
-    whole, count = found.raw[role], _count(found.raw[role])
-    finite = np.isfinite(whole)
-    chosen = inside & finite
-    if chosen.sum() < FEWEST or _noise(whole[~chosen]) <= 1.5 * count:
-        return
-    each, times = np.unique(whole[chosen], return_counts=True)
-    most = int(np.argmax(times))
-    others = np.delete(times, most).max(initial=0)
-    is_end = each[most] in (whole[finite].min(), whole[finite].max())
-    is_none = outliers(whole[chosen], count)[whole[chosen] == each[most]].all()
-    if is_end and not is_none and times[most] >= max(FEWEST, 2 * int(others)):
-        at = int(np.flatnonzero(chosen & (whole == each[most]))[0])
-        level, share = f"{found.columns[role][at]:.4g} N", times[most] / chosen.sum()
-        told = f"{role} is clipped at {level} for {share:.0%} of {span.name}"
+    end = clipped(found.raw[role], inside)
+    if end is not None:
+        level = f"{found.columns[role][end.at]:.4g} N"
+        told = f"{role} is clipped at {level} for {end.share:.0%} of {span.name}"
         hint = "Measure again in a wider range, or choose another window"
-        raise _refused(found, f"{told}, from {found.place(at)}", hint)
+        raise _refused(found, f"{told}, from {found.place(end.at)}", hint)
+
+
+def _frozen(found: Quantities, role: str, inside: Mask, span: Span) -> tuple[Mask, str]:
+    """The samples [n] in which a sensor stood still, and in words; BadInputError for too many.
+
+    Where it did throughout, see `_resting`.
+    """
+    still = frozen(found.raw[role]) & inside
+    if still[inside].all():
+        return np.zeros(inside.size, bool), ""
+    at, share = int(np.argmax(still)), float(still.sum() / inside.sum())
+    told = f"{role} stands still at {found.columns[role][at]:.4g} N for {share:.0%} of {span.name}"
+    told += f", from {found.place(at)}"
+    if share > 1.0 - SLIDES:
+        raise _refused(found, told, "Choose another window, or measure again")
+    return still, told
 
 
 def _resting(found: Quantities, role: str, chosen: Mask, span: Span) -> Iterator[Doubt]:
@@ -162,23 +142,13 @@ def _resting(found: Quantities, role: str, chosen: Mask, span: Span) -> Iterator
     values = whole[chosen]
     if values.size < FEWEST:
         return
-    noise, elsewhere = _noise(values), _noise(whole[~chosen])
+    noise, elsewhere = noise_of(values), noise_of(whole[~chosen])
     ends = np.array([np.nanmin(whole), np.nanmax(whole)])
     told = f"{role} is {found.columns[role][chosen][0]:.4g} N"
     if np.all(values == values[0]):
         yield Doubt("flat", f"{told} throughout {span.name}: is it measured, or clipped?")
     elif noise < elsewhere / FAR and float(np.abs(ends - np.median(values)).min()) < 5.0 * noise:
         yield Doubt("clipped", f"{told} in {span.name}, with less than 1/{FAR:g} of its noise")
-
-
-def _noise(values: Array) -> float:
-    """What three of four steps from sample to sample keep within, of those that are any.
-
-    0 where these are FEWEST, as where a coarse signal rises once.
-    """
-    steps = np.abs(np.diff(values))
-    steps = steps[np.isfinite(steps) & (steps > 0.0)]
-    return float(np.percentile(steps, 75.0)) if steps.size > FEWEST else 0.0
 
 
 # --- samples that are not there

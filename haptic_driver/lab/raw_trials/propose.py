@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.lab.force_signal import FEWEST
 from haptic_driver.lab.raw_trials.columns import NO_TABLES, Column, Source, open_columns
 from haptic_driver.lab.raw_trials.cut import on_stretches
 from haptic_driver.lab.raw_trials.look import Span, without_load
-from haptic_driver.lab.raw_trials.quantities import FEWEST, Quantities, unit_said
+from haptic_driver.lab.raw_trials.quantities import Quantities, unit_said
 from haptic_driver.lab.raw_trials.trial_map import FileLook, VoltageMark
 from haptic_driver.signals import Array
 from model.support.toml import toml_value

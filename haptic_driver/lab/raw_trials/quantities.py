@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.lab.force_signal import FEWEST
 from haptic_driver.lab.raw_trials.columns import ITS_DATES, Column, Source
 from haptic_driver.lab.raw_trials.trial_map import ColumnSaid, TrialMap
 from haptic_driver.signals import Array
 from model.support.units import SI, named_unit, of_kind, same, suffix_unit, to_si, understood
 
-FEWEST = 10  # samples
 SAME_RATE = 1e-3  # two rates that are one
 
 

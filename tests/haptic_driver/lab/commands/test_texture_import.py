@@ -4,6 +4,7 @@ known by hand.
 
 import json
 import math
+import re
 import wave
 
 import numpy as np
@@ -125,6 +126,76 @@ def test_columns_may_have_other_names_and_no_times(importing, tmp_path):
     done = importing("lab.csv", *options)
     assert along(tmp_path / "t.toml", INSIDE_M) == pytest.approx(friction(INSIDE_M), abs=0.003)
     assert done.said["speed_m_s"] is None
+
+
+NAMES = "time_s,position_mm,normal_force_n,lateral_force_n"
+
+
+def noisy(rng, offset_n=0.0):
+    """The stroke there and back of a sensor with 2 mN of noise."""
+    time, position, load, lateral = there_and_back(offset_n)
+    noise = rng.normal(0.0, 2e-3, (2, time.size))
+    return [time, 1e3 * position, load + noise[0], lateral + noise[1]]
+
+
+def clipped(columns):
+    columns[2][:] = np.minimum(columns[2], 0.5)
+
+
+def dead_for_a_second(columns):
+    columns[3][300:1300] = columns[3][300]
+
+
+def a_code(columns):
+    columns[3][700] = -9999.0
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (clipped, "normal_force_n is clipped at 0.5 N in "),
+        (dead_for_a_second, "lateral_force_n stands still at "),
+        (a_code, "lateral_force_n is -9999 N, far outside its own noise, at 38 mm, row 701"),
+    ],
+)
+def test_a_force_that_is_none_makes_no_texture(importing, tmp_path, rng, spoil, said):
+    """Clipped loads made friction too high, and a dead sensor a texture of its last number."""
+    columns = noisy(rng)
+    spoil(columns)
+    write_csv(tmp_path / "strokes.csv", NAMES, *columns)
+    refused = importing("strokes.csv").said["error"]
+    assert refused["code"] == "bad_strokes"
+    assert said in refused["message"]
+    assert not (tmp_path / "t.toml").exists()
+
+
+def test_a_moment_in_which_a_force_stood_still_is_left_out_and_told(importing, tmp_path, rng):
+    columns = noisy(rng)
+    columns[3][300:400] = columns[3][300]
+    write_csv(tmp_path / "strokes.csv", NAMES, *columns)
+    (doubt,) = importing("strokes.csv").said["doubts"]
+    assert re.fullmatch(r"lateral_force_n stands still at \S+ N in 7% of its .*: left out", doubt)
+    assert along(tmp_path / "t.toml", INSIDE_M) == pytest.approx(friction(INSIDE_M), abs=0.02)
+
+
+def test_what_shows_the_zeros_of_the_forces_is_told(importing, tmp_path, rng):
+    def doubts(*columns):
+        write_csv(tmp_path / "strokes.csv", NAMES, *columns)
+        return importing("strokes.csv", "--force").said["doubts"]
+
+    assert doubts(*noisy(rng)) == []
+    without_load, one_way = doubts(*noisy(rng, offset_n=0.15))
+    assert re.fullmatch(r"without load the lateral force reads 1[45]\d mN", without_load)
+    assert re.match(r"the lateral force is 0\.4\d+ N one way and 0\.1\d+ N the other", one_way)
+    (nothing,) = doubts(*(column[:750] for column in noisy(rng)))
+    assert nothing.startswith("nothing shows the zeros of the forces")
+
+
+def test_columns_that_are_found_are_those_of_the_file(importing, tmp_path):
+    time, position, load, lateral = there_and_back()
+    write_csv(tmp_path / "lab.csv", "time_s,position (mm),Fz,Ft", time, position, load, lateral)
+    said = importing("lab.csv").said["error"]["message"]
+    assert said.endswith("column normal_force_n is missing; found: time_s, position (mm), Fz, Ft")
 
 
 @pytest.mark.parametrize("times", ["time_s,", ""])

@@ -163,6 +163,42 @@ def test_a_sensor_slower_than_the_card_is_not_clipped(tmp_path, held):
 
 
 @FILE
+@given(
+    name=st.sampled_from(["Fx", "Fz"]),
+    share=st.floats(0.1, 0.9),
+    at=st.floats(0.0, 1.0),
+    held=st.sampled_from([1, 2]),
+)
+def test_a_force_that_stands_still_for_a_part_is_left_out_or_refused(
+    tmp_path, name, share, at, held
+):
+    """The number of the last good sample was averaged with the rest, and nobody was told."""
+    columns = signals(noise_n=0.01)
+    columns[name] = np.repeat(columns[name][::held], held)[: TIME_S.size]
+    places = np.flatnonzero(INSIDE)
+    first = places[int(at * (1.0 - share) * places.size)]
+    last = min(first + int(share * places.size), places[-1])
+    columns[name][first:last] = columns[name][first]
+    found = cut(write_npz(tmp_path / "t.npz", columns), MAP)
+    if share > 0.22:
+        assert "stands still at" in found.bad[0].error.message
+    elif share < 0.18:
+        assert [doubt.kind for _, doubt in found.doubted] == ["frozen"]
+        assert found.rows[0]["cof"] == pytest.approx(0.6, abs=0.01)
+
+
+@FILE
+@given(count_n=st.floats(0.001, 0.05), noise=st.floats(0.05, 1.0), held=st.sampled_from([1, 3, 20]))
+def test_a_coarse_or_slow_force_repeats_and_does_not_stand_still(tmp_path, count_n, noise, held):
+    columns = signals(noise_n=noise * count_n)
+    columns["Fx"] = count_n * np.round(columns["Fx"] / count_n)
+    columns["Fx"] = np.repeat(columns["Fx"][::held], held)[: TIME_S.size]
+    found = cut(write_npz(tmp_path / "t.npz", columns), MAP)
+    assert not any("stands still" in bad.error.message for bad in found.bad)
+    assert not any(doubt.kind == "frozen" for _, doubt in found.doubted)
+
+
+@FILE
 @given(lost=st.floats(0.06, 0.95), at=st.floats(0.0, 1.0))
 def test_samples_that_are_missing_are_told_or_refused(tmp_path, lost, at):
     start_s = WINDOW_S[0] + at * (1.0 - lost)
