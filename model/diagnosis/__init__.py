@@ -22,6 +22,7 @@ __all__ = [
     "noise",
     "priors",
     "proof",
+    "readings",
     "smooth",
     "space",
     "where",

@@ -61,6 +61,7 @@ RANGES = {
 SAME_FRICTION = 0.1  # relative: a mean of ratios is not the ratio of means
 LATERAL, LATERAL_STD = "lateral_force_n", "lateral_force_std_n"  # in place of friction
 RANGES |= {LATERAL: (-100.0, 100.0, "N"), LATERAL_STD: (1e-9, 100.0, "N")}
+OWN = "simulated"  # a column that `haptic measure` writes, and nobody else
 WORDS = ("session", "trial", "setting", "waveform", "finger", "intervention", "kramers_kronig")
 COLUMNS = (*RANGES, "humidity_pct", "temperature_c", *WORDS)  # all that are read
 WANTED = (
@@ -87,7 +88,8 @@ class Measurements:
     relative; what of friction is known no better from row to row, whatever the scatter says.
     `bad_rows`: what was wrong in rows that were left out on request, a line of the file each.
     `notes`: what is to be told of the data beside any result. `setting` [n] and `trial` [n]:
-    numbers of what the file calls so, None where it says nothing.
+    numbers of what the file calls so, None where it says nothing. `sure`: columns whose unit
+    nobody need ask for, since a person said it or this program measured them.
     """
 
     columns: dict[str, Array]
@@ -106,6 +108,7 @@ class Measurements:
     least_cof_std: float = WITNESSES[FRICTION].least_std
     setting: NDArray[np.intp] | None = None
     trial: NDArray[np.intp] | None = None
+    sure: frozenset[str] = frozenset()
 
     @property
     def count(self) -> int:
@@ -308,7 +311,9 @@ def read_measurements(
         said += table.said_wrong()
         table, found = kept, _measurements(kept)
     notes = (*table.notes, *table.doubted(), *_friction_told(table), *_repeats_told(table))
-    return replace(found, bad_rows=said, notes=notes)
+    said_units = {ours for ours, one in named.items() if one.unit}
+    sure = frozenset(COLUMNS if OWN in table.columns else said_units)
+    return replace(found, bad_rows=said, notes=notes, sure=sure)
 
 
 def _repeats_told(table: Table) -> tuple[str, ...]:
@@ -527,6 +532,7 @@ def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
         bad_rows=tuple(f"{name}, {said}" for name, data in parts for said in data.bad_rows),
         notes=tuple(f"{name}: {said}" for name, data in parts for said in data.notes),
         setting=_numbers([data.setting for data in sets], [data.count for data in sets]),
+        sure=frozenset.intersection(*(data.sure for data in sets)),
         trial=_numbers([data.trial for data in sets], [data.count for data in sets]),
     )
 

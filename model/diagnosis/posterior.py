@@ -35,6 +35,11 @@ class Posterior:
     untestable: Names
     withheld: Names = ()
 
+    @property
+    def likely_outside(self) -> list[str]:
+        """What is not of the touch and likelier than all else."""
+        return [name for name, p in self.outside.items() if p > 0.5]
+
     @cached_property
     def inclusion(self) -> dict[str, float]:
         """Probability that each effect is there; of none and unknown that they are the case."""
@@ -99,7 +104,9 @@ def held_against(found: Posterior, odds: Mapping[Names, float]) -> Posterior:
     ranked = dict(sorted(weights.items(), key=lambda item: -item[1]))
     held = replace(found, hypotheses={names: w / total for names, w in ranked.items()})
     withheld = (n for n, p in found.inclusion.items() if p >= SURE > held.inclusion[n])
-    return replace(held, withheld=tuple(withheld))
+    before, after = found.inclusion[UNKNOWN], held.inclusion[UNKNOWN]
+    outside = {name: p * after / before if before else p for name, p in found.outside.items()}
+    return replace(held, outside=outside, withheld=tuple(withheld))
 
 
 def _prior(names: Names, each: float) -> float:

@@ -20,6 +20,7 @@ from model.diagnosis.hypotheses import Candidate, candidate, fit_candidates
 from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.priors import LOG_ODDS
+from model.diagnosis.readings import evidences
 from model.diagnosis.sessions import inflation, names, split_sessions, unlike_sessions
 from model.diagnosis.space import STRAY, Nuisance, Predictor, nuisances
 from model.diagnosis.where import neighbour_correlation
@@ -50,6 +51,16 @@ def fitted(description: ModelDescription, audit: Audit, progress: Callable[[str]
     base = _base(description, audit)
     setting = _with_singles(description, audit, base, progress)
     return setting._replace(warnings=(*setting.warnings, *setting.problem.noise.warnings))
+
+
+def otherwise_read(description: ModelDescription, setting: Setting) -> dict[str, float]:
+    """log evidence that nothing is missing, and the table is meant otherwise; see `readings`."""
+
+    def nothing_missing(data: Measurements) -> float:
+        read = _setting(description, data, setting.problem.noise, _start(description, data))
+        return read.base.alone.log_evidence
+
+    return evidences(setting.data, nothing_missing)
 
 
 def nuisance_warnings(free: Sequence[Nuisance], chosen: Candidate) -> list[str]:

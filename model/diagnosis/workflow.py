@@ -24,7 +24,7 @@ from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import Noise
 from model.diagnosis.posterior import Posterior, held_against, posterior
 from model.diagnosis.proof import Proof, prove
-from model.diagnosis.setting import Setting, fitted, nuisance_warnings
+from model.diagnosis.setting import Setting, fitted, nuisance_warnings, otherwise_read
 from model.diagnosis.where import Disagreement, disagreement
 from model.support.arrays import Array
 
@@ -89,7 +89,7 @@ def diagnose(
     if audit.noise is None or audit.blocked:
         return Diagnosis(data, audit.noise, None, (audit.blocked, *audit.warnings), seed)
     setting = fitted(description, audit, progress)
-    hypotheses = weighed(setting, audit, progress)
+    hypotheses = weighed(description, setting, audit, progress)
     judged = held_out_verdict(description, setting, hypotheses, seed, progress)
     findings = explored(description, setting, hypotheses, judged, seed, progress)
     far_off = nuisance_warnings(setting.problem.predictor.free, findings.chosen)
@@ -98,16 +98,20 @@ def diagnose(
     return Diagnosis(setting.data, setting.problem.noise, findings, warnings, seed)
 
 
-def weighed(setting: Setting, audit: Audit, progress: Progress) -> Hypotheses:
+def weighed(
+    description: ModelDescription, setting: Setting, audit: Audit, progress: Progress
+) -> Hypotheses:
     """Evidence of every hypothesis."""
     problem, base = setting.problem, setting.base
+    progress("other readings of the table")
+    sensor = {FORCE_SENSOR: force_sensor(problem, base)}
     return Hypotheses(
         base=base,
         singles=setting.singles,
         pairs=fit_pairs(problem, setting.singles, progress),
         untestable=audit.untestable,
         hidden={kind.name: unseen(problem, base.fit, kind) for kind in audit.kinds},
-        outside={FORCE_SENSOR: force_sensor(problem, base)},
+        outside=sensor | otherwise_read(description, setting),
     )
 
 
@@ -156,7 +160,7 @@ def explored(
     seed: int,
     progress: Progress,
 ) -> Findings:
-    """Where the residuals disagree, and the learned term where no effect explains them."""
+    """Where the residuals disagree, and the learned term where nothing explains them."""
     data, problem, (verdict, proof) = setting.data, setting.problem, judged
 
     def scan(found: Candidate) -> Disagreement:
@@ -165,7 +169,7 @@ def explored(
     before = scan(setting.base)
     rows = changed(problem, hypotheses, verdict.posterior)
     findings = Findings(problem, hypotheses, verdict, before, scan(verdict.chosen), proof, rows)
-    if verdict.verdict != "unexplained":
+    if verdict.verdict != "unexplained" or verdict.posterior.likely_outside:
         return findings
     learned = learn(description, data, problem, setting.base, seed, progress)
     findings = replace(findings, learned=learned)

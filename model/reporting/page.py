@@ -11,6 +11,7 @@ from string import Template
 from typing import Any
 
 from model.diagnosis.priors import NONE, UNKNOWN, words
+from model.diagnosis.readings import AMPLITUDES
 from model.diagnosis.where import ALARM, DRAWS
 from model.diagnosis.witness import BY_COLUMN
 from model.effects.drive_gain_error import DriveGainError
@@ -25,13 +26,6 @@ COLOURS = {
     "ambiguous": "#e08e0b",
     "unexplained": "#d1495b",
     "not_testable": "#9aa0a6",
-}
-# By which a file's voltages differ from peak amplitudes, and what they are then.
-UNITS = {
-    0.5: "peak to peak",
-    0.5**0.5: "peak values, taken for rms and converted",
-    2.0**0.5: "rms",
-    2.0: "those of a generator that is set for 50 ohm and drives a high impedance",
 }
 NEAR = 0.1  # to such a factor: so much is a usual amplifier off
 AXIS_WORDS = {
@@ -70,6 +64,7 @@ def sentence(content: Mapping[str, Any]) -> str:
         text = (
             "The data disagree with the model, and no effect that this program knows explains how"
         )
+        text += "".join(f"; {said.partition(':')[0]}" for said in content["looks_like"])
         closes = _closes(content) if names else ""
         return f"{text}; a learned term {closes}; {_left(content)}." if closes else f"{text}."
     return f"These data cannot test the model: {'; '.join(content['reasons'])}."
@@ -83,11 +78,11 @@ def question(content: Mapping[str, Any]) -> str:
         if e["name"] == DriveGainError.name
     ]
     for gain in gains:
-        factor = min(UNITS, key=lambda factor: abs(log(gain / factor)))
+        factor = min(AMPLITUDES, key=lambda factor: abs(log(gain / factor)))
         if abs(log(gain / factor)) < NEAR:
             return (
-                f"Are the voltages of these data {UNITS[factor]}? They are read as peak amplitudes,"
-                f" and a gain of {gain:.3g} was found: check the file before the drive."
+                f"Are the voltages of these data {AMPLITUDES[factor]}? They are read as peak"
+                f" amplitudes, and a gain of {gain:.3g} was found: check the file before the drive."
             )
     return ""
 

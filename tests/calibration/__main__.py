@@ -50,7 +50,7 @@ def answer(seed: int, number: int) -> Answer | None:
     if audit.blocked:
         return None
     setting = fitted(description, audit, lambda _: None)
-    found = weighed(setting, audit, lambda _: None)
+    found = weighed(description, setting, audit, lambda _: None)
     verdict = held_out_verdict(description, setting, found, 0, lambda _: None).verdict
     stated = said(verdict.posterior, verdict.decision, truth)
     return Answer(number, truth, verdict.decision, [stated])

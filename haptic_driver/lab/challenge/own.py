@@ -18,7 +18,7 @@ from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.description import ModelDescription
 from model.diagnosis.changed import places
-from model.diagnosis.data import Measurements, read_measurements
+from model.diagnosis.data import COLUMNS, Measurements, read_measurements
 from model.diagnosis.hypotheses import Candidate
 from model.diagnosis.model_fit import Fit
 from model.diagnosis.witness import FRICTION
@@ -59,7 +59,8 @@ def own_answer(path: Path, method: str, model: str = "reference") -> Answer:
         hint = nearest(method, list(METHODS))
         raise BadInputError("bad_method", f"there is no method '{method}'", hint)
     description = load_model(model)
-    return answer_of(diagnose(description, read_measurements(path)), description, method)
+    data = replace(read_measurements(path), sure=frozenset(COLUMNS))  # the rules say the units
+    return answer_of(diagnose(description, data), description, method)
 
 
 def answer_of(found: Diagnosis, description: ModelDescription, method: str) -> Answer:
