@@ -61,13 +61,17 @@ def sentence(content: Mapping[str, Any]) -> str:
             f" {probability}."
         )
     if content["verdict"] == "unexplained":
-        text = (
-            "The data disagree with the model, and no effect that this program knows explains how"
-        )
-        text += "".join(f"; {said.partition(':')[0]}" for said in content["looks_like"])
-        closes = _closes(content) if names else ""
-        return f"{text}; a learned term {closes}; {_left(content)}." if closes else f"{text}."
+        return _unexplained(content)
     return f"These data cannot test the model: {'; '.join(content['reasons'])}."
+
+
+def _unexplained(content: Mapping[str, Any]) -> str:
+    if content["looks_like"]:
+        likely = " ".join(f"{_upper(said)}." for said in content["looks_like"])
+        return f"The data disagree with the model. {likely}"
+    text = "The data disagree with the model, and no effect that this program knows explains how"
+    closes = _closes(content) if content["effects"] else ""
+    return f"{text}; a learned term {closes}; {_left(content)}." if closes else f"{text}."
 
 
 def question(content: Mapping[str, Any]) -> str:
@@ -127,8 +131,10 @@ def _meaning(content: Mapping[str, Any]) -> str:
         )
     if content["verdict"] == "unexplained":
         return (
-            "Something happens that the catalogue does not contain, or not in this form. No name is"
-            " given because none is earned; the regions below show where to look."
+            "Nothing is missing if that is so, and no effect gets a name before it is sure."
+            if content["looks_like"]
+            else "Something happens that the catalogue does not contain, or not in this form. No"
+            " name is given because none is earned; the regions below show where to look."
         )
     if content["verdict"] == "not_testable":
         advice = (

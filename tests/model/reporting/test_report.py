@@ -313,6 +313,7 @@ def test_two_effects_read_as_a_sentence():
         "adequate": True,
         "fit": {"gap_closed": 0.913, "gap_closed_interval": [0.8, 0.97]},
         "left": [],
+        "looks_like": [],
     }
     said = sentence(content)
     assert said.startswith("Floating body and drive gain error are missing from the model")
@@ -321,6 +322,12 @@ def test_two_effects_read_as_a_sentence():
     place = {"axis": "frequency_hz", "low": 100.0, "high": 250.0}
     beside = sentence(content | {"adequate": False, "left": [place]})
     assert beside.endswith("what is left is most at frequency 100 to 250 Hz.")
+
+
+def test_what_is_not_of_the_touch_comes_before_all_else():
+    content = {"effects": [], "probability": 0.99, "verdict": "unexplained"}
+    said = sentence(content | {"looks_like": ["a table with currents in mA looks like this: look"]})
+    assert said.endswith("A table with currents in mA looks like this: look.")
 
 
 @pytest.mark.parametrize(
