@@ -12,13 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.diagnosis.hypotheses import OUTSIDE, Candidate, Hypotheses
+from model.diagnosis.hypotheses import Candidate, Hypotheses
 from model.diagnosis.posterior import Names, Posterior
 from model.diagnosis.priors import NONE, PRIOR_UNKNOWN, SURE, UNKNOWN, words
-from model.diagnosis.readings import READINGS
 
 WITHOUT_NAME = (NONE, UNKNOWN)
-CHECKS = OUTSIDE | {one.name: one.check for one in READINGS}
 
 
 class Decision(NamedTuple):
@@ -59,11 +57,7 @@ def _named(found: Posterior, named: Names) -> str:
 def _unknown(found: Posterior) -> str:
     """That no effect explains the data, and what outside of the touch may."""
     reason = "the data disagree with the model, and no effect of the catalogue explains how"
-    return reason + "".join(f"; {said}" for said in _looks_like(found))
-
-
-def _looks_like(found: Posterior) -> list[str]:
-    return [f"{name} looks like this: {CHECKS[name]}" for name in found.likely_outside]
+    return reason + "".join(f"; {said}" for said in found.looks_like)
 
 
 def _list(found: Posterior) -> Decision:
@@ -116,11 +110,6 @@ class Verdict:
     def probability(self) -> float:
         """Of what it says."""
         return self.decision.probability
-
-    @property
-    def looks_like(self) -> list[str]:
-        """What is not of the touch and likelier than all else, with its check."""
-        return _looks_like(self.posterior)
 
     @property
     def is_sure_of_some(self) -> bool:

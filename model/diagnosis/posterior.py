@@ -17,6 +17,7 @@ from scipy.special import logsumexp
 
 from model.diagnosis.hypotheses import Evidences
 from model.diagnosis.priors import NONE, PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, SURE, UNKNOWN
+from model.diagnosis.readings import CHECKS
 
 Names = tuple[str, ...]
 
@@ -36,9 +37,10 @@ class Posterior:
     withheld: Names = ()
 
     @property
-    def likely_outside(self) -> list[str]:
-        """What is not of the touch and likelier than all else."""
-        return [name for name, p in self.outside.items() if p > 0.5]
+    def looks_like(self) -> list[str]:
+        """What is not of the touch and likelier than all else, with its check."""
+        likely = [name for name, p in self.outside.items() if p > 0.5]
+        return [f"{name} looks like this: {CHECKS[name]}" for name in likely]
 
     @cached_property
     def inclusion(self) -> dict[str, float]:

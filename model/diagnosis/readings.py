@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from model.diagnosis.data import RANGES, Measurements
+from model.diagnosis.hypotheses import OUTSIDE
 from model.diagnosis.priors import LOG_PRIOR_EACH
 
 VOLTAGES = ("voltage_v", "voltage_offset_v", "electrode_voltage_v")
@@ -77,6 +78,7 @@ READINGS = (
     Reading("loads in mN", {"normal_force_n": 1e-3}, against_name=True),
     Reading("loads in grams", {"normal_force_n": GRAM_N}, against_name=True),
 )
+CHECKS = OUTSIDE | {one.name: one.check for one in READINGS}  # of all that is not of the touch
 
 
 def other_readings(data: Measurements) -> list[Reading]:

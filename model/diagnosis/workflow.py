@@ -169,7 +169,7 @@ def explored(
     before = scan(setting.base)
     rows = changed(problem, hypotheses, verdict.posterior)
     findings = Findings(problem, hypotheses, verdict, before, scan(verdict.chosen), proof, rows)
-    if verdict.verdict != "unexplained" or verdict.posterior.likely_outside:
+    if verdict.verdict != "unexplained" or verdict.posterior.looks_like:
         return findings
     learned = learn(description, data, problem, setting.base, seed, progress)
     findings = replace(findings, learned=learned)

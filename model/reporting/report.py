@@ -119,7 +119,7 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
         },
         "probability": verdict.probability,
         "reasons": [verdict.reason],
-        "looks_like": verdict.looks_like,
+        "looks_like": verdict.posterior.looks_like,
         "warnings": diagnosis.warnings,
         "tests": {"before": _tests(found.before), "after": _tests(found.after)},
         "parameters": _parameters(found, description),

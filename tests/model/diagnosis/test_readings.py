@@ -87,7 +87,7 @@ def test_frequencies_in_khz_are_no_wet_skin(path, tmp_path):
     in_khz.write_text("\n".join([",".join(header.split(",")[:7]), *lines]))
     found = diagnose(FINGER, read_measurements(in_khz))
     assert found.name == "unexplained"
-    (said,) = found.findings.verdict.looks_like
+    (said,) = found.findings.verdict.posterior.looks_like
     assert said in found.findings.verdict.reason
     assert said.startswith("a table with frequencies in kHz looks like this: look at the file")
     unit = "--column frequency_hz=frequency_hz:"
