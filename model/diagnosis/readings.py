@@ -56,7 +56,7 @@ class Reading(NamedTuple):
 
 
 # By which voltages differ from peak amplitudes, and what they are then.
-AMPLITUDES = {
+VOLTAGES_MEANT = {
     0.5: "peak to peak",
     sqrt(0.5): "peak values, taken for rms and converted",
     sqrt(2.0): "rms",
@@ -65,7 +65,7 @@ AMPLITUDES = {
 READINGS = (
     *(
         Reading(f"voltages that are {words}", dict.fromkeys(VOLTAGES, factor))
-        for factor, words in AMPLITUDES.items()
+        for factor, words in VOLTAGES_MEANT.items()
     ),
     Reading("electrode voltages that are peak to peak", {"electrode_voltage_v": 0.5}),
     Reading("electrode voltages that are rms", {"electrode_voltage_v": sqrt(2.0)}),

@@ -11,7 +11,7 @@ from string import Template
 from typing import Any
 
 from model.diagnosis.priors import NONE, UNKNOWN, words
-from model.diagnosis.readings import AMPLITUDES
+from model.diagnosis.readings import VOLTAGES_MEANT
 from model.diagnosis.where import ALARM, DRAWS
 from model.diagnosis.witness import BY_COLUMN
 from model.effects.drive_gain_error import DriveGainError
@@ -82,10 +82,10 @@ def question(content: Mapping[str, Any]) -> str:
         if e["name"] == DriveGainError.name
     ]
     for gain in gains:
-        factor = min(AMPLITUDES, key=lambda factor: abs(log(gain / factor)))
+        factor = min(VOLTAGES_MEANT, key=lambda factor: abs(log(gain / factor)))
         if abs(log(gain / factor)) < NEAR:
             return (
-                f"Are the voltages of these data {AMPLITUDES[factor]}? They are read as peak"
+                f"Are the voltages of these data {VOLTAGES_MEANT[factor]}? They are read as peak"
                 f" amplitudes, and a gain of {gain:.3g} was found: check the file before the drive."
             )
     return ""

@@ -74,6 +74,8 @@ def read_strokes(path: Path, named: Mapping[str, Named] = NO_NAMES) -> Strokes:
     """The strokes in a CSV file; `named` says what its columns are called there, by our names."""
     known = [*COLUMNS, *(one.column for one in named.values())]
     table = read_table(path, [], WANTED, LONGEST_STROKE_ROWS, known, named=named)
+    if not table.rows:
+        raise BadInputError("bad_strokes", f"{path}: has no rows", WANTED)
     position = next((column for column in POSITIONS_M if column in named), None)
     if position is None:
         given = [column for column in POSITIONS_M if column in table.columns]
@@ -193,13 +195,15 @@ def _looked(
     BadInputError for a force that is clipped, far outside its own noise, or still for long.
     """
     alive, doubts = usable.copy(), list[str]()
+    if not usable.any():
+        return alive, doubts
     for name in ("normal_force_n", "lateral_force_n"):
         force_n = getattr(strokes, name)
         if (end := clipped(force_n, usable)) is not None:
             said = f"is clipped at {force_n[end.at]:.4g} N in {end.share:.0%} of its sliding rows"
             raise _refused(strokes, where, name, end.at, said, "Measure again in a wider range")
         still = frozen(force_n) & usable
-        at, share = int(np.argmax(still)), float(still.sum() / max(usable.sum(), 1))
+        at, share = int(np.argmax(still)), float(still.sum() / usable.sum())
         stands = f"stands still at {force_n[at]:.4g} N in {share:.0%} of its sliding rows"
         if share > 1.0 - SLIDES:
             hint = "Leave these rows out, or measure again"
@@ -225,13 +229,11 @@ def _zero(strokes: Strokes, usable: NDArray[np.bool_]) -> list[str]:
     """What the forces say of their zeros: by rows without load, and by strokes to either side."""
     lateral_n, told = strokes.lateral_force_n, list[str]()
     sides = [lateral_n[usable & (sign * lateral_n > 0.0)] for sign in (1.0, -1.0)]
-    if not all(side.size for side in sides):
-        sides = []
     size_n = float(np.mean(np.abs(lateral_n[usable]))) if usable.any() else 0.0
     free_n = lateral_n[(strokes.normal_force_n < LEAST_LOAD_N) & np.isfinite(lateral_n)]
     if free_n.size >= FEWEST and abs(zero_n := float(np.median(free_n))) > ZERO * size_n:
         told.append(f"without load the lateral force reads {1e3 * zero_n:.3g} mN")
-    if sides and min(len(side) for side in sides) >= BOTH_WAYS * usable.sum():
+    if usable.any() and min(side.size for side in sides) >= BOTH_WAYS * usable.sum():
         one_n, other_n = (abs(float(np.median(side))) for side in sides)
         if abs(one_n - other_n) > 2.0 * ONE_SIDED * size_n:
             told.append(

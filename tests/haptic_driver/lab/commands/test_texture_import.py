@@ -191,6 +191,15 @@ def test_what_shows_the_zeros_of_the_forces_is_told(importing, tmp_path, rng):
     assert nothing.startswith("nothing shows the zeros of the forces")
 
 
+def test_a_table_without_rows_or_without_a_touch_makes_no_texture(importing, tmp_path):
+    """A header alone was a traceback."""
+    (tmp_path / "strokes.csv").write_text(NAMES)
+    assert importing("strokes.csv").said["error"]["message"].endswith("has no rows")
+    time, position, load, lateral = there_and_back()
+    write_csv(tmp_path / "strokes.csv", NAMES, time, 1e3 * position, 0.0 * load, 0.0 * lateral)
+    assert "0 of 2000 rows slide" in importing("strokes.csv").said["error"]["message"]
+
+
 def test_columns_that_are_found_are_those_of_the_file(importing, tmp_path):
     time, position, load, lateral = there_and_back()
     write_csv(tmp_path / "lab.csv", "time_s,position (mm),Fz,Ft", time, position, load, lateral)
