@@ -1,4 +1,5 @@
-// How well each instrument answers: a row each, and one more in red for what is wrong with it.
+// How well each instrument answers: a row each, and below it how often a finger's tracker reports,
+// and in red what is wrong.
 
 const time = (s) =>
   s === null ? "–" : s < 1 ? `${Number((1e3 * s).toPrecision(2))} ms` : `${s.toFixed(1)} s`;
@@ -11,14 +12,20 @@ export function showInstruments(body, instruments) {
 function rows({ name, age_s, read_s, missed, asked, every_s, jitter_s, wrong }) {
   const row = document.createElement("tr"),
     words = [name.replace(/[_.]/g, " "), time(age_s), time(read_s), `${missed}`];
-  if (every_s !== null) words[2] += `, reports every ${time(every_s)} ± ${time(jitter_s)}`;
   for (const said of words) row.insertCell().textContent = said;
   row.lastChild.title = `of ${asked} questions`;
-  if (!wrong) return [row];
-  const below = document.createElement("tr"),
-    cell = below.insertCell();
-  cell.colSpan = words.length;
-  cell.className = "some";
-  cell.textContent = wrong;
-  return [row, below];
+  const all = [row];
+  if (every_s !== null)
+    all.push(below(`reports every ${time(every_s)} ± ${time(jitter_s)}`, "reports"));
+  if (wrong) all.push(below(wrong, "some"));
+  return all;
+}
+
+function below(said, kind) {
+  const row = document.createElement("tr"),
+    cell = row.insertCell();
+  cell.colSpan = 4;
+  cell.className = kind;
+  cell.textContent = said;
+  return row;
 }

@@ -477,10 +477,19 @@ def test_it_shows_a_row_an_instrument_and_in_red_what_is_wrong(page, control):
     heard = Health("force_sensor", asked=200, missed=3, heard_s=99.5, took_s=2e-3)
     lost = heard._replace(name="finger_tracker", failed="the screen is gone")
     expect(page.locator("#instruments")).to_be_hidden()
-    control.instruments = [InstrumentStatus.of(one, 100.0) for one in (heard, lost)]
+    reporting = {"every_s": 0.02, "jitter_s": 0.0015}
+    control.instruments = [
+        InstrumentStatus.of(heard, 100.0),
+        InstrumentStatus.of(lost, 100.0).model_copy(update=reporting),
+    ]
     rows = page.locator("#instruments tr")
     expect(rows).to_have_text(
-        ["force sensor500 ms2 ms3", "finger tracker500 ms2 ms3", "the screen is gone"]
+        [
+            "force sensor500 ms2 ms3",
+            "finger tracker500 ms2 ms3",
+            "reports every 20 ms ± 1.5 ms",
+            "the screen is gone",
+        ]
     )
     expect(page.locator("#instruments td[title='of 200 questions']")).to_have_count(2)
     expect(page.locator("#instruments .some")).to_have_count(1)

@@ -10,7 +10,9 @@ import pytest
 from PIL import Image
 
 from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.messages import InstrumentStatus
 from haptic_driver.processes.samples import Flag
+from hw.health import Health
 from tests.haptic_driver.daemon.web.served_page import arm, expect, opened, press_grey, text
 from tests.waiting import until
 
@@ -173,7 +175,11 @@ CUT = """() => {
 def test_nothing_is_cut_with_all_flags_and_a_refusal(page, control, width, height):
     page.set_viewport_size({"width": width, "height": height})
     control.flags = Flag(2**32 - 1).names()
+    tracker = Health("finger_tracker", asked=12_000, missed=345, heard_s=99.997, took_s=2.3e-5)
+    reporting = {"every_s": 5.1e-3, "jitter_s": 1.2e-3}
+    control.instruments = [InstrumentStatus.of(tracker, 100.0).model_copy(update=reporting)]
     expect(page.locator("#flags li")).to_have_count(len(control.flags))  # then nothing moves
+    expect(page.locator("#instruments tr")).to_have_count(2)
     press_grey(page, "#set button")
     expect(page.locator("#refusal")).to_be_visible()
     assert page.evaluate(CUT) == []
