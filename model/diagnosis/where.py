@@ -98,7 +98,9 @@ def disagreement(
 
 
 @dataclass(frozen=True)
-class _Box:
+class Box:
+    """A range of one input, or of two, with its rows."""
+
     axes: tuple[str, ...]
     low: tuple[float, ...]
     high: tuple[float, ...]
@@ -106,17 +108,17 @@ class _Box:
     witness: int = FRICTION
 
 
-def _boxes(data: Measurements) -> list[_Box]:
+def _boxes(data: Measurements) -> list[Box]:
     """Contiguous ranges of bins of each input, and of the pairs, in each witness; every set of rows
     once.
     """
-    boxes: list[_Box] = []
+    boxes: list[Box] = []
     for witness in data.witnesses:
         mine = data.of(witness)
-        for box in _ranges_of(data.subset(mine)):
+        for box in ranges_of(data.subset(mine)):
             rows = np.zeros(data.count, bool)
             rows[mine] = box.rows
-            boxes.append(_Box(box.axes, box.low, box.high, rows, witness))
+            boxes.append(Box(box.axes, box.low, box.high, rows, witness))
     seen: set[bytes] = set()
     distinct = []
     for box in boxes:
@@ -127,17 +129,18 @@ def _boxes(data: Measurements) -> list[_Box]:
     return distinct
 
 
-def _ranges_of(data: Measurements) -> list[_Box]:
+def ranges_of(data: Measurements) -> list[Box]:
+    """Contiguous ranges of bins of each input, and of the pairs that make sense together."""
     ranges = {name: _ranges(data, name) for name in INPUTS if data.varies(name)}
     boxes = [
-        _Box((name,), (low,), (high,), rows)
+        Box((name,), (low,), (high,), rows)
         for name, items in ranges.items()
         for low, high, rows in items
     ]
     for a, b in PAIRS:
         if a in ranges and b in ranges:
             boxes += [
-                _Box((a, b), (la, lb), (ha, hb), ra & rb)
+                Box((a, b), (la, lb), (ha, hb), ra & rb)
                 for la, ha, ra in ranges[a]
                 for lb, hb, rb in ranges[b]
             ]
@@ -168,7 +171,7 @@ def _scan(
     noise: Noise,
     residual: Array,
     tangent: Array,
-    boxes: list[_Box],
+    boxes: list[Box],
     fit: Fit,
     rng: np.random.Generator,
 ) -> list[Region]:

@@ -19,6 +19,8 @@ AXES = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s", "s
 FINGER = ("cof_off", "roughness_rms_m", "skin_thickness_m", "leak_scale", "contact_area_m2")
 Range = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
 Positive = Annotated[FiniteFloat, Field(gt=0.0)]
+UNSEEN = 24  # settings of each set that were not measured
+Predicted = Annotated[list[Positive], Field(min_length=UNSEEN, max_length=UNSEEN)]
 ValueAndStd = Annotated[list[Positive], Field(min_length=2, max_length=2)]
 Region = Annotated[dict[str, Range], Field(min_length=1)]
 CODE = "bad_answers"
@@ -30,7 +32,7 @@ class Answer(Section):
     `probability` is that of the verdict. `where` are regions of the rows in which friction is
     changed, each a range of some columns, both ends included. `strength` is the root mean square of
     the relative change of friction. `finger` has numbers of FINGER, each with its standard
-    deviation.
+    deviation. `predicted` is friction at the settings that were not measured.
     """
 
     verdict: Literal["named", "listed", "unknown", "nothing"] | None = None
@@ -39,6 +41,7 @@ class Answer(Section):
     where: list[Region] | None = None
     strength: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
     finger: dict[str, ValueAndStd] | None = None
+    predicted: Predicted | None = None
 
 
 def read_answers(path: Path, columns: Mapping[str, Collection[str]]) -> dict[str, Answer]:

@@ -25,7 +25,9 @@ class Truth:
     """What was hidden in one set, and of its n rows of friction how much that changed it.
 
     `visibility` is the lambda of the least visible effect. `columns` [n], `change` [n] and `noise`
-    [n] are of those rows, the last two relative to friction. `finger` are its own numbers.
+    [n] are of those rows, the last two relative to friction. `finger` are its own numbers. `unseen`
+    [m] is friction without noise at settings that were not measured, `unseen_change` [m] by what
+    share of the rest the hidden changes it there.
     """
 
     effects: frozenset[str]
@@ -35,6 +37,8 @@ class Truth:
     change: Array
     noise: Array
     finger: Mapping[str, float] = field(default_factory=dict)
+    unseen: Array = field(default_factory=lambda: np.zeros(0))
+    unseen_change: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def is_visible(self) -> bool:
@@ -124,7 +128,7 @@ def scores(answers: Mapping[str, Answer], truths: Mapping[str, Truth]) -> dict[s
     """Everything as JSON can hold it, of the sets in `truths`; None where nothing was answered."""
     judged = [Judged(truth, answers.get(name, Answer())) for name, truth in truths.items()]
     given = [one for one in judged if one.got.verdict is not None]
-    parts = ("verdict", "probability", "where", "strength", "finger")
+    parts = ("verdict", "probability", "where", "strength", "finger", "predicted")
     return {
         "sets": len(truths),
         "answered": {
@@ -133,6 +137,7 @@ def scores(answers: Mapping[str, Answer], truths: Mapping[str, Truth]) -> dict[s
         "names": {rate.key: _share(rate, given) for rate in RATES},
         "place": _place(judged),
         "strength": _strength(judged),
+        "proof": _proof(judged),
         "finger": _finger(judged),
         "calibration": _calibration(
             [
@@ -208,6 +213,30 @@ def _strength(judged: Sequence[Judged]) -> dict[str, Any]:
 
 def _factor(said: float, true: float) -> float:
     return max(said / true, true / said) if said > 0.0 else float("inf")
+
+
+def _proof(judged: Sequence[Judged]) -> dict[str, Any]:
+    """How far off predictions of settings are that were not measured, relative: the median over
+    sets. Where something visible is hidden, the share of its change that they have.
+
+    A factor that all settings share is free: gains of sessions hide it.
+    """
+    asked = [
+        (float(np.std(np.log(one.got.predicted / one.truth.unseen))), one.truth)
+        for one in judged
+        if one.got.predicted is not None
+    ]
+    shares = [
+        1.0 - error / float(np.std(np.log1p(truth.unseen_change)))
+        for error, truth in asked
+        if truth.effects and truth.is_visible
+    ]
+    return {
+        "error": median(error for error, _ in asked) if asked else None,
+        "sets": len(asked),
+        "share": median(shares) if shares else None,
+        "visible": len(shares),
+    }
 
 
 def _finger(judged: Sequence[Judged]) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.files import require_free, write_text
 from haptic_driver.lab.challenge.scores import Truth
 from model.effects import CATALOGUE
+from model.support.arrays import Array
 from model.support.reading import read_bytes, read_text
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -59,7 +60,7 @@ def generator(root: Path = ROOT) -> ModuleType:
 
 
 def make(folder: Path, about: tuple[int, int, bool], advance: Advance) -> About:
-    """Write sets, data sheet and `challenge.json`; no label is written.
+    """Write sets, settings to predict, data sheet and `challenge.json`; no label is written.
 
     `about`: seed, how many sets, and whether all are of friction alone.
     """
@@ -70,8 +71,12 @@ def make(folder: Path, about: tuple[int, int, bool], advance: Advance) -> About:
     files = {}
     for i in range(count):
         name = f"{i + 1:03d}.csv"
-        text = source.csv_text(source.challenge_set(i, seed, friction_alone).columns)
+        one = source.challenge_set(i, seed, friction_alone)
+        text = source.csv_text(one.columns)
         write_text(folder / "sets" / name, text)
+        write_text(
+            unseen_of(folder / "sets" / name), source.csv_text(source.unseen(one, i, seed)[0])
+        )
         files[name] = _hash(text.encode())
         advance(i + 1)
     made = About(seed=seed, friction_alone=friction_alone, files=files)
@@ -79,6 +84,11 @@ def make(folder: Path, about: tuple[int, int, bool], advance: Advance) -> About:
     write_text(folder / "README.md", source.data_sheet(count, physics))
     write_text(kept, made.model_dump_json(indent=1) + "\n")
     return made
+
+
+def unseen_of(path: Path) -> Path:
+    """The file with the settings that were not measured, from that of a set."""
+    return path.parent.parent / "unseen" / path.name
 
 
 def read_about(folder: Path) -> About:
@@ -114,15 +124,16 @@ def truths(about: About, advance: Advance) -> dict[str, Truth]:
         if _hash(source.csv_text(made.columns).encode()) != expected:
             said = f"{name}: another version of the generator made it"
             raise HapticError("another_generator", said, f"Score with that version. {MAKE}")
-        found[name] = _truth(made, source.FINGER)
+        found[name] = _truth(made, source.unseen(made, i, about.seed), source.FINGER)
         advance(i + 1)
     return found
 
 
-def _truth(made: Any, finger: Mapping[str, str]) -> Truth:
-    """The truth of the rows of friction, from a set of the generator, which calls the numbers of a
-    `finger` otherwise.
+def _truth(made: Any, unseen: tuple[Any, Array, Array], finger: Mapping[str, str]) -> Truth:
+    """The truth of the rows of friction, from a set of the generator and its settings that were not
+    measured. It calls the numbers of a `finger` otherwise.
     """
+    _, there, without = unseen
     effects = made.label["effects"]
     rows = np.isfinite(made.columns["cof"])
     columns = {name: values[rows] for name, values in made.columns.items()}
@@ -134,6 +145,8 @@ def _truth(made: Any, finger: Mapping[str, str]) -> Truth:
         change=made.change[rows],
         noise=columns["cof_std"] / columns["cof"],
         finger={name: made.label["finger"][theirs] for name, theirs in finger.items()},
+        unseen=there,
+        unseen_change=there / without - 1.0,
     )
 
 

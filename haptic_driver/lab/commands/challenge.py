@@ -45,7 +45,7 @@ def answer(
     folder: Folder,
     out: Annotated[Path, Option(help="JSON to write.")] = Path("answers.json"),
     method: Annotated[
-        str, Option(help="diagnosis, base (nothing is ever missing), aicc or bic.")
+        str, Option(help="diagnosis, base (nothing is ever missing), aicc, bic or regions.")
     ] = "diagnosis",
     as_json: Json = False,
 ) -> None:
@@ -55,9 +55,9 @@ def answer(
 
     Example: `haptic challenge answer out/challenge --out out/answers.json`
     """
+    from haptic_driver.lab.challenge import own  # noqa: PLC0415
     from haptic_driver.lab.challenge.answers import read_answers  # noqa: PLC0415
-    from haptic_driver.lab.challenge.own import own_answer, write_answers  # noqa: PLC0415
-    from haptic_driver.lab.challenge.sets import columns_of, read_about  # noqa: PLC0415
+    from haptic_driver.lab.challenge.sets import columns_of, read_about, unseen_of  # noqa: PLC0415
 
     about = read_about(folder)
     found = read_answers(out, columns_of(folder, about)) if out.exists() else {}
@@ -65,8 +65,10 @@ def answer(
     with progress("diagnoses", len(about.files)) as advance:
         for i, name in enumerate(about.files):
             if name not in found:
-                found[name] = own_answer(folder / "sets" / name, method)
-                write_answers(out, found)
+                path = folder / "sets" / name
+                unseen = own.read_unseen(unseen_of(path))
+                found[name] = own.own_answer(path, method, unseen)
+                own.write_answers(out, found)
             advance(i + 1)
     payload = {"out": str(out), "answers": len(found), "kept": kept}
     said = f"{len(found)} answers in {out}, {kept} of them as they were there"
@@ -111,6 +113,11 @@ def _show(found: dict[str, Any]) -> None:
     table.add_row("a place where no row is changed", f"{count}" if of else "-", str(of))
     off = strength["factor_off"]
     table.add_row("strength, median factor off", _number(off), str(strength["sets"]))
+    proof = found["proof"]
+    said = "settings not measured, median relative error"
+    table.add_row(said, _number(proof["error"]), str(proof["sets"]))
+    said = "the same, share of a visible change"
+    table.add_row(said, _number(proof["share"]), str(proof["visible"]))
     off, (count, of) = finger["off_std"], finger["beyond_two"].values()
     table.add_row("finger's own numbers, median deviations off", _number(off), "")
     table.add_row("the same, beyond two, of numbers", f"{count}" if of else "-", str(of))

@@ -4,6 +4,7 @@ the rows.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,11 +58,16 @@ class Spec:
 class BlindSet:
     """Columns to write, the sealed label, and by what share of friction without them the hidden
     effects change each row; NaN in rows without friction.
+
+    `design` is that of the rows with friction. `friction_of` says without noise what another design
+    would show, with the hidden effects and without.
     """
 
     columns: dict[str, np.ndarray]
     label: dict
     change: np.ndarray
+    design: Design
+    friction_of: Callable[[Design], tuple[np.ndarray, np.ndarray]]
 
 
 def find(name: str) -> Effect:
@@ -226,7 +232,11 @@ def build(spec: Spec, seed: int) -> BlindSet:
         if trials.columns == COMMANDED:
             load_n = np.repeat(planned.rows.n, design.session.size // planned.session.size)
             columns |= {"trial": design.trial, "commanded_normal_force_n": load_n}
-    return BlindSet(columns, label, change)
+
+    def friction_of(other: Design) -> tuple[np.ndarray, np.ndarray]:
+        return clean_friction(other, finger, hidden), clean_friction(other, finger, ())
+
+    return BlindSet(columns, label, change, design, friction_of)
 
 
 def build_twins(spec: Spec, seed: int) -> list[BlindSet]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from .__main__ import csv_text
 from .build import ALTERNATIVE, CATALOGUE, BlindSet, Spec, build, suitable
+from .designs import between
 from .effects import CATALOGUE_EFFECTS, FIRST_STRANGERS, SECOND, SECOND_STRANGERS, UNFELT
 from .families import CLEAR_LEVELS, INCOMPATIBLE, WITNESSES
 from .measured import SMALL
@@ -21,6 +22,7 @@ from .witnesses import build_pair
 MIX = {"nothing": 0.15, "one": 0.5, "outside": 0.2, "two": 0.15}
 OUTSIDE = (*FIRST_STRANGERS, *SECOND_STRANGERS)
 FAMILY = "challenge"
+UNSEEN = 24  # settings that are asked for and were not measured
 # what answers call the numbers of a finger, and what a label does
 FINGER = {
     "cof_off": "mu_off",
@@ -35,6 +37,26 @@ def challenge_set(i: int, seed: int, friction_alone: bool) -> BlindSet:
     """Set i: every other one with the electrode's witnesses, or none."""
     spec = _spec(i, np.random.default_rng([seed, 78, i]), friction_alone or i % 2 == 1)
     return build_pair(spec, seed)[0] if spec.design == WITNESSES else build(spec, seed)
+
+
+def unseen(
+    made: BlindSet, i: int, seed: int
+) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+    """Settings of set i that nobody measured: their columns, and friction without noise, with the
+    hidden effects and without.
+    """
+    design = between(np.random.default_rng([seed, 79, i]), made.design, UNSEEN)
+    rows = design.rows
+    every = {
+        "frequency_hz": rows.f,
+        "voltage_v": rows.v,
+        "normal_force_n": rows.n,
+        "speed_m_s": rows.speed,
+        "time_s": rows.time,
+        "session": design.session,
+    }
+    columns = {name: values for name, values in every.items() if name in made.columns}
+    return columns, *made.friction_of(design)
 
 
 def data_sheet(count: int, effects: Mapping[str, str]) -> str:
@@ -70,4 +92,4 @@ def _design(names: list[str], rng: np.random.Generator) -> str:
     return str(rng.choice(sorted(set(SMALL).intersection(*map(suitable, names)))))
 
 
-__all__ = ["FINGER", "challenge_set", "csv_text", "data_sheet"]
+__all__ = ["FINGER", "challenge_set", "csv_text", "data_sheet", "unseen"]

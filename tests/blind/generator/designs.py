@@ -187,6 +187,42 @@ def witnesses(rng: Generator) -> Design:
     return replace(design, finger=np.concatenate(finger), slides=slides)
 
 
+def sliding(design: Design) -> Design:
+    """The rows with friction, as rows of a design that says so."""
+    part = friction_only(design)
+    count = part.session.size
+    return replace(part, finger=np.full(count, SLIDING), slides=np.ones(count, bool))
+
+
+def between(rng: Generator, design: Design, count: int) -> Design:
+    """Settings between those of a design whose rows slide: each lies between two rows with
+    voltage, frequency and speed by their logarithms.
+    """
+    driven = np.flatnonzero(design.rows.v > 0)
+    first, second = rng.choice(driven, (2, count))
+    share = rng.uniform(size=count)
+
+    def mixed(values: np.ndarray) -> np.ndarray:
+        return values[first] + share * (values[second] - values[first])
+
+    rows = design.rows
+    return replace(
+        design,
+        rows=replace(
+            rows.take(first),
+            f=np.exp(mixed(np.log(rows.f))),
+            v=mixed(rows.v),
+            n=mixed(rows.n),
+            speed=np.exp(mixed(np.log(rows.speed))),
+            time=mixed(rows.time),
+        ),
+        session=design.session[first],
+        trial=design.trial[first],
+        finger=np.full(count, SLIDING),
+        slides=np.ones(count, bool),
+    )
+
+
 def friction_only(design: Design) -> Design:
     """The rows of friction alone, as a lab without monitors would have them."""
     keep = design.slides

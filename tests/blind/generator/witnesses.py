@@ -235,6 +235,11 @@ def build_pair(spec: Spec, seed: int) -> list[BlindSet]:
     change = observed.cof / observe(design, finger, rig, ()).cof - 1.0
     values = measured(rng, design, observed, noise)
     alone = friction_lambda(design, finger, noise, truth)
+
+    def friction_of(other: Design) -> tuple[np.ndarray, np.ndarray]:
+        return observe(other, finger, rig, truth).cof, observe(other, finger, rig, ()).cof
+
+    slides = designs.sliding(design)
     made = []
     for electric, visible in ((True, seen), (False, alone)):
         columns = file_columns(design, values, electric)
@@ -257,5 +262,6 @@ def build_pair(spec: Spec, seed: int) -> list[BlindSet]:
             "rig": asdict(rig),
             "finger": nuisance.finger_record(finger),
         }
-        made.append(BlindSet(columns, label, change if electric else change[design.slides]))
+        of_rows = change if electric else change[design.slides]
+        made.append(BlindSet(columns, label, of_rows, slides, friction_of))
     return made

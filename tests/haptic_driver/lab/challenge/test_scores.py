@@ -84,6 +84,7 @@ def test_abstention():
         "where": 0,
         "strength": 0,
         "finger": 0,
+        "predicted": 0,
     }
     assert got["sets"] == 5
 
@@ -166,3 +167,33 @@ def test_by_chance_calibrated_answers_are_off_too():
     """One answer at one half is off by one half, whatever happens."""
     got = scores({"1": Answer(verdict="nothing", probability=0.5)}, {"1": NOTHING})["calibration"]
     assert got["by_chance"] == pytest.approx(0.5)
+
+
+UNSEEN = np.geomspace(0.4, 0.9, 24)
+TURNS = np.tile([1.0, -1.0], 12)
+
+
+def seen_elsewhere(visibility):
+    """A finger in which the hidden changes friction by 10 % up or down in turns."""
+    of_rows = COLUMNS, np.full(4, 0.05), NOISE, {}
+    return Truth(frozenset({GAIN}), True, visibility, *of_rows, UNSEEN, np.expm1(0.1 * TURNS))
+
+
+@pytest.mark.parametrize(
+    ("off", "error", "share"),
+    [
+        (np.zeros(24), 0.0, 1.0),
+        (np.full(24, 0.3), 0.0, 1.0),  # a common factor is free
+        (-0.1 * TURNS, 0.1, 0.0),  # what is hidden is not predicted
+        (-0.02 * TURNS, 0.02, 0.8),
+    ],
+)
+def test_predictions_of_settings_that_were_not_measured(off, error, share):
+    answer = Answer(predicted=list(UNSEEN * np.exp(off)))
+    got = scores({"1": answer, "2": answer}, {"1": seen_elsewhere(100.0), "2": seen_elsewhere(9.0)})
+    assert got["proof"] == {
+        "error": pytest.approx(error, abs=1e-12),
+        "sets": 2,
+        "share": pytest.approx(share),
+        "visible": 1,
+    }

@@ -38,7 +38,7 @@ def written(path: Path, answers: object) -> Path:
 
 def test_a_folder_has_sets_a_data_sheet_and_no_label(folder):
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
-    names = {f"sets/{name}" for name in RIGHT}
+    names = {f"{kind}/{name}" for name in RIGHT for kind in ("sets", "unseen")}
     assert files == {"README.md", "challenge.json"} | names
     about = json.loads((folder / "challenge.json").read_text())
     assert set(about) == {"seed", "friction_alone", "files"}
@@ -78,6 +78,7 @@ def test_answers_by_hand_are_scored_and_shown(folder, tmp_path, haptic):
         "where": 1,
         "strength": 0,
         "finger": 0,
+        "predicted": 0,
     }
     shown = haptic(*command).out
     line = next(line for line in shown.splitlines() if "a name or a list" in line)
@@ -106,6 +107,7 @@ REFUSED = [
     ({"001.csv": {"where": [{"cof": [0, 1]}]}}, "'cof'", "voltage_v"),
     ({"001.csv": {"where": [{"voltage_v": [9, 1]}]}}, "from 9 to 1 is empty", "[low, high]"),
     ({"001.csv": {"finger": {"area": [1e-4, 1e-5]}}}, "a finger has no 'area'", "contact_area_m2"),
+    ({"001.csv": {"predicted": [0.5] * 23}}, "001.csv: predicted", "predicted"),
     ({"001.csv": {"finger": {"cof_off": [0.5, 0.0]}}}, "001.csv: finger.cof_off", "cof_off"),
     ([], "no object", '{"001.csv"'),
 ]
@@ -178,10 +180,24 @@ def test_the_program_answers_what_is_not_answered_yet(folder, tmp_path):
     assert 0.5 < found["probability"] <= 1.0
     assert found["where"]
     assert found["strength"] > 0.0
+    proof = said_by("challenge", "score", folder, path)["proof"]
+    assert (proof["sets"], proof["visible"]) == (1, 1)
+    assert proof["share"] > 0.8  # of the change that its hidden hydration makes elsewhere
     # a simulated finger of the generator has 0.3 to 0.8
     value, std = found["finger"]["cof_off"]
     assert 0.25 < value < 0.85
     assert 0.0 < std < 0.1
+
+
+def test_settings_that_were_not_measured_lie_between_those_that_were(folder):
+    seen, asked = (rows_of(folder / part / "001.csv") for part in ("sets", "unseen"))
+    assert len(asked) == 24
+    assert set(asked[0]) == set(seen[0]) - {"cof", "cof_std", "trial"}
+    for column in asked[0]:
+        driven = [float(row[column]) for row in seen if float(row["voltage_v"]) > 0.0]
+        there = [float(row[column]) for row in asked]
+        assert min(driven) <= 1.00001 * min(there)
+        assert max(there) <= 1.00001 * max(driven)  # written with six digits
 
 
 def test_a_method_that_is_not_there_is_refused(folder, tmp_path, refuses):
