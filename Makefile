@@ -108,7 +108,7 @@ blind: .venv/.test
 DATA ?=
 real-data: .venv/.test
 	@test -n "$(DATA)" || { echo "make real-data DATA=folder; docs/real-data.md says which data" >&2; exit 2; }
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.real_data --data $(DATA) --out out/real-data
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.real_data --data $(DATA) --out out/real-data $(if $(ANSWERS),--answers $(ANSWERS))
 
 # haptic investigate against fingers of the blind generator, beside settings drawn at random: 1 to 3 minutes a finger.
 FINGERS ?= W0=2,W1=10

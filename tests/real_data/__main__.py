@@ -16,6 +16,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 
+from haptic_driver.lab.challenge.answers import AXES, Answer, read_answers
 from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.priors import words
@@ -76,6 +77,22 @@ def checks(diagnoses: dict[str, Diagnosis]) -> list[Check]:
     found_at = "not among the places" if rank is None else f"place {rank}"
     table.append(Check(f"{OVER_TIME}: direct voltage is the first place", rank == 1, found_at))
     return table
+
+
+def answers_checks(answers: dict[str, Answer]) -> list[Check]:
+    """The same of somebody's answers, as in a challenge: by place and abstention alone."""
+    peak, over_time = (answers.get(FILES[name], Answer()) for name in (PEAK, OVER_TIME))
+    abstains = peak.verdict not in (None, "named")
+    first = (over_time.where or [{}])[0]
+    high_hz = first.get("frequency_hz", [0.0, np.inf])[1]
+    return [
+        Check(f"{PEAK}: no effect is named", abstains, peak.verdict or "no answer"),
+        Check(
+            f"{OVER_TIME}: direct voltage is the first place",
+            high_hz <= DIRECT_HZ,
+            str(first) if first else "no place",
+        ),
+    ]
 
 
 def told(name: str, each: Diagnosis, cpu_s: float) -> str:
@@ -156,7 +173,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="What must hold on data that nobody here made.")
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--out", type=Path, default=Path("out/real-data"))
+    parser.add_argument("--answers", type=Path, help="somebody's, instead of diagnoses")
     asked = parser.parse_args()
+    if asked.answers is not None:
+        columns = dict.fromkeys(FILES.values(), AXES)
+        return _printed(answers_checks(read_answers(asked.answers, columns)))
     if lacking := missing(asked.data):
         print(
             f"{asked.data}: {', '.join(lacking)} not there. The project ships no such data;"
@@ -169,11 +190,15 @@ def main() -> int:
         began_s = time.process_time()
         diagnoses[name] = diagnose(model, read(asked.data, name))
         print(told(name, diagnoses[name], time.process_time() - began_s), flush=True)
-    table = checks(diagnoses)
-    for check in table:
-        print(f"{'holds' if check.holds else 'DOES NOT HOLD':14} {check.must} ({check.found})")
     for path in draw(diagnoses, asked.out):
         print(f"picture: {path}")
+    return _printed(checks(diagnoses))
+
+
+def _printed(table: list[Check]) -> int:
+    """Print it; 1 where something does not hold."""
+    for check in table:
+        print(f"{'holds' if check.holds else 'DOES NOT HOLD':14} {check.must} ({check.found})")
     return int(not all(check.holds for check in table))
 
 

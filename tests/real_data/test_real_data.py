@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -9,7 +10,16 @@ from typing import Any
 
 import pytest
 
-from tests.real_data.__main__ import FILES, MODEL, OVER_TIME, PEAK, WITH_MONITOR, checks, missing
+from tests.real_data.__main__ import (
+    FILES,
+    MODEL,
+    OVER_TIME,
+    PEAK,
+    WITH_MONITOR,
+    checks,
+    main,
+    missing,
+)
 
 
 def found(verdict: str, names: tuple[str, ...] = (), highest_hz: float = 0.16) -> Any:
@@ -42,6 +52,30 @@ def test_another_place_first_and_a_set_that_cannot_be_tested_do_not_hold():
     untested = SimpleNamespace(name="not_testable", findings=None)
     table = held(**{OVER_TIME: untested})
     assert sum(not holds for holds in table.values()) == 2
+
+
+DIRECT_FIRST = [{"frequency_hz": [0.16, 0.16]}, {"frequency_hz": [1e3, 1e4]}]
+
+
+@pytest.mark.parametrize(
+    ("peak", "where", "held"),
+    [
+        ({"verdict": "unknown"}, DIRECT_FIRST, (True, True)),
+        ({"verdict": "listed", "effects": ["sweat_film"]}, DIRECT_FIRST[::-1], (True, False)),
+        ({"verdict": "named", "effects": ["drive_gain_error"]}, [], (False, False)),
+        ({}, [{"voltage_v": [1, 9]}], (False, False)),
+    ],
+)
+def test_answers_are_judged_by_place_and_abstention(
+    tmp_path, capsys, monkeypatch, peak, where, held
+):
+    path = tmp_path / "answers.json"
+    path.write_text(json.dumps({FILES[PEAK]: peak, FILES[OVER_TIME]: {"where": where}}))
+    given = ["--data", str(tmp_path), "--answers", str(path)]
+    monkeypatch.setattr(sys, "argv", ["real_data", *given])
+    assert main() == (0 if all(held) else 1)
+    said = capsys.readouterr().out.splitlines()
+    assert [line.startswith("holds") for line in said] == list(held)
 
 
 @pytest.mark.process
