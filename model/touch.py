@@ -32,7 +32,8 @@ class Drive:
     against the set one. `surface_voltage_v` stands on the insulator whatever is driven.
     `kept_square` of the mean square, and `kept_offset_square` of the bias's, is not screened and
     attracts. `touching` is 0 where there is no finger, `resting` 1 where it does not slide.
-    `seen_area_m2` is the touch's apparent area where it was seen, 0 where not.
+    `seen_area_m2` is the touch's apparent area where it was seen, 0 where not. `other_touches` have
+    so many times its area, and their current flows too.
     """
 
     frequency_hz: Values
@@ -50,6 +51,7 @@ class Drive:
     touching: Values = 1.0
     resting: Values = 0.0
     seen_area_m2: Values = 0.0
+    other_touches: Values = 0.0
 
     @property
     def fundamental_v(self) -> Values:

@@ -161,7 +161,7 @@ def _broadcast(
     electrode = {
         "electrode_v": drive.fundamental_v,
         "area_m2": parameters.contact_area_m2,
-        "touch_area_m2": drive.touching * parameters.contact_area_m2,
+        "touch_area_m2": drive.touching * (1.0 + drive.other_touches) * parameters.contact_area_m2,
         "stray_f": (
             parameters.stray_capacitance_f
             * (parameters.open_circuit + drive.touching * (1.0 - parameters.open_circuit))

@@ -22,12 +22,16 @@ from model.diagnosis.hidden import Hidden
 from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.priors import AMPLITUDES, LOG_PRIOR_EACH, NONE
 from model.diagnosis.witness import FRICTION
-from model.effects import CATALOGUE, Effect
+from model.effects import CATALOGUE, Effect, SecondTouch
 from model.support.arrays import Array
 from model.touch import LOAD_REFERENCE_N
 
 FORCE_SENSOR = "a force sensor that reads the load"
-OUTSIDE = {FORCE_SENSOR: "tare it, and press without sliding"}  # not of the touch, and its check
+SECOND_TOUCH = "another touch on the screen"
+OUTSIDE = {  # not of the touch, and its check
+    FORCE_SENSOR: "tare it, and press without sliding",
+    SECOND_TOUCH: SecondTouch.check,
+}
 Kinds = tuple[type[Effect], ...]
 
 STARTS = (0.0, -2.0, 1.5, -3.0)  # of an effect's first parameter, prior standard deviations
@@ -256,6 +260,16 @@ def force_sensor(problem: Problem, base: Candidate) -> float:
     spreads = [np.hstack([fit.jacobian, share * shown]) for share in AMPLITUDES]
     logs = [log_marginal(target, spread, problem.noise) for spread in spreads]
     return float(logsumexp(logs) - np.log(len(AMPLITUDES)))
+
+
+def second_touch(problem: Problem, base: Candidate) -> float:
+    """log evidence of other touches, whose current is seen with the finger's; -inf where no current
+    was.
+    """
+    if not problem.predictor.data.has_current:
+        return -np.inf
+    (found,) = fit_candidates(problem, base.fit, [(SecondTouch,)], lambda _: None)
+    return _evidence(found)
 
 
 def _evidence(candidate: Candidate) -> float:

@@ -18,7 +18,15 @@ from model.diagnosis.decide import WITHOUT_NAME, Verdict, verdict_of
 from model.diagnosis.ends import at_an_end
 from model.diagnosis.forms import share_odds
 from model.diagnosis.hidden import unseen
-from model.diagnosis.hypotheses import FORCE_SENSOR, Candidate, Hypotheses, fit_pairs, force_sensor
+from model.diagnosis.hypotheses import (
+    FORCE_SENSOR,
+    SECOND_TOUCH,
+    Candidate,
+    Hypotheses,
+    fit_pairs,
+    force_sensor,
+    second_touch,
+)
 from model.diagnosis.learned import LearnedTerm, learn
 from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import Noise
@@ -104,14 +112,14 @@ def weighed(
     """Evidence of every hypothesis."""
     problem, base = setting.problem, setting.base
     progress("other readings of the table")
-    sensor = {FORCE_SENSOR: force_sensor(problem, base)}
+    besides = {FORCE_SENSOR: force_sensor(problem, base), SECOND_TOUCH: second_touch(problem, base)}
     return Hypotheses(
         base=base,
         singles=setting.singles,
         pairs=fit_pairs(problem, setting.singles, progress),
         untestable=audit.untestable,
         hidden={kind.name: unseen(problem, base.fit, kind) for kind in audit.kinds},
-        outside=sensor | otherwise_read(description, setting),
+        outside=besides | otherwise_read(description, setting),
     )
 
 

@@ -25,6 +25,7 @@ from model.effects.floating_body import FloatingBody
 from model.effects.humid_gap_conduction import HumidGapConduction
 from model.effects.johnsen_rahbek import JohnsenRahbek
 from model.effects.load_dependent_friction import LoadDependentFriction
+from model.effects.second_touch import SecondTouch
 from model.effects.series_resistance import SeriesResistance
 from model.effects.skin_hydration import SkinHydration
 from model.effects.skin_nonlinearity import SkinNonlinearity
@@ -65,6 +66,7 @@ __all__ = [
     "CATALOGUE",
     "Effect",
     "EffectParameter",
+    "SecondTouch",
     "base",
     "drive_gain_error",
     "interventions",

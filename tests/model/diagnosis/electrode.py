@@ -30,9 +30,11 @@ def hidden(**effects: dict[str, float]) -> ModelDescription:
     return hiding(with_stray(FINGER, STRAY_F), **effects)
 
 
-def measured(path: Path, finger: ModelDescription, seed: int) -> None:
+def measured(path: Path, finger: ModelDescription, seed: int, other_touches: float = 0.0) -> None:
     """Friction up to 2 kHz in two sessions; then sweeps at 5 V, sliding, resting and without a
     finger.
+
+    `other_touches`: their current beside the finger's, as a share of that.
     """
     rng = np.random.default_rng(seed)
     rows = [
@@ -49,10 +51,12 @@ def measured(path: Path, finger: ModelDescription, seed: int) -> None:
     ]
     session, f, v, n, state, slides = (np.array(column) for column in zip(*rows, strict=True))
     answer = TouchModel(finger).predict(Conditions(f, v, n, finger=state))
+    nobody = TouchModel(finger).predict(Conditions(f, v, n, finger=np.full(f.size, "none")))
+    of_finger_a = answer.electrode_current_a - nobody.electrode_current_a
     gain = dict(zip("abd", 0.03 * rng.standard_normal(3), strict=True))
     cof = answer.cof * np.exp(0.01 * rng.standard_normal(f.size) + [gain[s] for s in session])
     noise = 0.01 * rng.standard_normal(f.size) + 0.02j * rng.standard_normal(f.size)
-    current = answer.electrode_current_a * np.exp(noise)
+    current = (answer.electrode_current_a + other_touches * of_finger_a) * np.exp(noise)
     voltage = answer.electrode_voltage_v * np.exp(0.005 * rng.standard_normal(f.size))
     phase = np.angle(answer.electrode_voltage_v) + 0.005 * rng.standard_normal(f.size)
     lines = [
