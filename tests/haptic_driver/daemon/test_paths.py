@@ -97,3 +97,30 @@ def test_a_fine_grating_is_rendered_by_time_and_follows_each_finger_one_report_l
             for cof in [FINE.cof_at(np.roll(before_m, late), np.zeros(TICKS))]
         )
         assert fit > 0.9  # a turn between two reports is lost
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    ("report_rate_hz", "period_m", "least"),
+    [(50.0, 0.004, 0.7), (50.0, 0.01, 0.85), (1000.0, 0.004, 0.9), (1000.0, 0.01, 0.9)],
+)
+def test_friction_by_an_envelope_is_that_under_the_finger(
+    surface_file, touch, report_rate_hz, period_m, least
+):
+    """Measured friction against the grating's where the finger is; docs/textures.md has these."""
+    panel = PANEL.model_copy(update={"report_rate_hz": report_rate_hz})
+    config = load_rig("simulated-envelope").model_copy(update={"finger_tracker": panel})
+    settings, grating, fits = (
+        render_settings(config, surface_file),
+        Grating(0.65, 0.05, period_m),
+        [],
+    )
+    for _, way_m in zip(range(6), strokes(), strict=False):
+        slide = Slide("a stroke", TICK_S * np.arange(TICKS), way_m, np.full(TICKS, 0.5))
+        with SimulatedRig(config, touch, envelope=settings.envelope) as bench:
+            measured = render_slide(slide, grating, settings, bench).samples["measured_cof"]
+        wanted = grating.cof_at(way_m, np.zeros(TICKS))[: measured.size]
+        known = np.isfinite(measured) & (np.arange(measured.size) >= SETTLED)
+        fits.append(np.corrcoef(wanted[known], measured[known])[0, 1])
+    print(f"{report_rate_hz:g} Hz, {1e3 * period_m:g} mm: r {np.median(fits):.2f}")
+    assert np.median(fits) > least
