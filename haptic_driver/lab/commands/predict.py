@@ -132,10 +132,13 @@ def predict(
 
 
 def _steep(finger: TouchModel, columns: Mapping[str, Any]) -> list[str]:
-    """What is known of the row with the most voltage, which published fingers contradict first."""
+    """What is known of the row that published fingers contradict first: the most voltage, and of
+    those the least load.
+    """
     names = ("frequency_hz", "voltage_v", "normal_force_n")
     rows = np.column_stack([np.asarray(columns[name], dtype=float) for name in names])
-    said = beyond_published(finger, *map(float, rows[np.argmax(rows[:, 1])]))
+    first = np.lexsort((rows[:, 2], -rows[:, 1]))[0]
+    said = beyond_published(finger, *map(float, rows[first]))
     return [] if said is None else [said]
 
 
