@@ -122,3 +122,16 @@ def test_for_a_person(haptic, surface_path):
     assert "ripple of friction at 500 Hz, in the band of 317 to 504 Hz: felt" in done.out
     assert "without a felt ripple (policy quiet): 0.512 to 0.58" in done.out
     assert done.err == ""
+
+
+@pytest.mark.parametrize(
+    ("model", "friction", "notes"), [("reference", 1.0, 1), ("measured", 0.62, 0)]
+)
+def test_a_force_that_is_steeper_than_that_of_fingers_is_said(haptic, model, friction, notes):
+    """Both points lie above 100 V."""
+    words = ("solve", "--friction", friction, "--normal-force", 0.5, "--model", model)
+    found = haptic(*words, "--json").said
+    assert found["voltage_v"] > 100.0
+    assert len(found["notes"]) == notes
+    said = haptic(*words).out
+    assert " ".join(said.split()).count("is steeper than published fingers") == notes

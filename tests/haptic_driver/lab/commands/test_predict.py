@@ -127,6 +127,21 @@ def test_what_the_printed_equations_cannot_answer_is_said(predict):
     assert "1 of 2 conditions: (31) as printed diverges" in said["notes"][0]
 
 
+def test_a_force_that_is_steeper_than_that_of_fingers_is_said_once(predict, haptic, tmp_path):
+    """Of the rows with the most voltage, that with the least load speaks."""
+    table = f"{BASE}\n125,150,1\n125,150,0.5\n125,80,0.5\n"
+    _, said, _ = predict(table)
+    (note,) = said["notes"]
+    assert "the model 'reference' is steeper than published fingers" in note
+    assert "150 V at 0.5 N" in note
+    done = haptic("predict", "--table", tmp_path / "conditions.csv", "--out", tmp_path / "out.csv")
+    assert done.err.count("steeper than published fingers") == 1
+    _, said, _ = predict(table, "--model", "measured")
+    assert said["notes"] == []
+    _, said, _ = predict(f"{BASE}\n125,75,0.5\n")
+    assert said["notes"] == []
+
+
 def test_pull_in_is_counted_and_empty_of_numbers(predict, haptic, tmp_path):
     status, said, rows = predict(f"{BASE}\n250,75,0.5\n250,20000,0.5\n")
     assert status == 0
