@@ -182,7 +182,7 @@ def test_a_force_that_stands_still_for_a_part_is_left_out_or_refused(
     found = cut(write_npz(tmp_path / "t.npz", columns), MAP)
     if share > 0.22:
         assert "stands still at" in found.bad[0].error.message
-    elif share < 0.18:
+    elif share < 0.18 and last - first > 21 * held:  # 20 times what it repeats by itself
         assert [doubt.kind for _, doubt in found.doubted] == ["frozen"]
         assert found.rows[0]["cof"] == pytest.approx(0.6, abs=0.01)
 
