@@ -156,7 +156,8 @@ def drift(watched: Watched, now_s: float) -> None:
     gain = float(newest["feedback_gain"][-1])
     if abs(gain / watched.gain - 1.0) > DRIFT and now_s - watched.drift_s >= DRIFT_TOLD_S:
         watched.gain, watched.drift_s = gain, now_s
-        watched.events.tell("drift", f"the finger's gain is {gain:.2f}", gain=gain)
+        said = f"the finger's gain is {gain:.2f}: feedback closes what the model lacks"
+        watched.events.tell("drift", f"{said}; haptic use MODEL --no-feedback shows it", gain=gain)
 
 
 def latency(watched: Watched, now_s: float) -> None:

@@ -230,10 +230,12 @@ def test_a_gain_that_is_learnt_in_many_steps_is_told_once_in_five_seconds(bench)
         bench.orders.renew(token)
         bench.rendered()
         told += bench.watch(0.125)
-    assert [message for kind, message in told if kind == "drift"] == [
+    drifts = [message for kind, message in told if kind == "drift"]
+    assert [message.partition(":")[0] for message in drifts] == [
         "the finger's gain is 1.40",
         "the finger's gain is 9.40",
     ]
+    assert "--no-feedback shows it" in drifts[0]
 
 
 def test_ticks_that_come_too_seldom_in_time_are_told_with_cause_and_remedy_and_take_nothing_away(
