@@ -78,8 +78,10 @@ def own_answer(path: Path, method: str, unseen: Conditions | None = None) -> Ans
     return Answer(**said, finger=finger, predicted=_predicted(model, unseen))
 
 
-def read_unseen(path: Path) -> Conditions:
-    """The settings of a file that `sets.make` has written."""
+def read_unseen(path: Path) -> Conditions | None:
+    """The settings of a file that `sets.make` has written; None of an older challenge."""
+    if not path.exists():
+        return None
     columns = np.genfromtxt(path, delimiter=",", names=True)
     there = columns.dtype.names or ()
     return Conditions(**{name: columns[name] for name in CONDITIONS if name in there})

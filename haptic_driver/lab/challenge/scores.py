@@ -217,7 +217,7 @@ def _factor(said: float, true: float) -> float:
 
 def _proof(judged: Sequence[Judged]) -> dict[str, Any]:
     """How far off predictions of settings are that were not measured, relative: the median over
-    sets. Where something visible is hidden, the share of its change that they have.
+    sets. Where something visible changes friction, the share of its change that they have.
 
     A factor that all settings share is free: gains of sessions hide it.
     """
@@ -229,7 +229,7 @@ def _proof(judged: Sequence[Judged]) -> dict[str, Any]:
     shares = [
         1.0 - error / float(np.std(np.log1p(truth.unseen_change)))
         for error, truth in asked
-        if truth.effects and truth.is_visible
+        if truth.is_visible and truth.changed.any()
     ]
     return {
         "error": median(error for error, _ in asked) if asked else None,

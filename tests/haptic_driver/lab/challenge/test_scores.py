@@ -1,6 +1,7 @@
 """Scores of answers written by hand, against numbers computed by hand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -197,3 +198,9 @@ def test_predictions_of_settings_that_were_not_measured(off, error, share):
         "share": pytest.approx(share),
         "visible": 1,
     }
+
+
+def test_what_shows_in_the_current_alone_has_no_change_of_friction_to_predict():
+    unfelt = replace(seen_elsewhere(100.0), change=np.zeros(4), unseen_change=np.zeros(24))
+    got = scores({"1": Answer(predicted=list(UNSEEN))}, {"1": unfelt})
+    assert got["proof"] == {"error": 0.0, "sets": 1, "share": None, "visible": 0}
