@@ -91,7 +91,7 @@ FINGER = (
 # as much as one.
 GAP_OFFSET = Nuisance("gap_offset_m", 2.0, tail=0.01, added=3e-9)
 NUISANCES = (*FINGER, GAP_OFFSET)
-AREA = Nuisance("contact_area_m2", 0.15)
+AREA = Nuisance("contact_area_m2", 0.22)  # between the medians of 10 people, CapContact's masks
 # Leads and electrodes have 10 to 1000 pF.
 STRAY = Nuisance("stray_capacitance_f", 1.5, tail=0.01, added=1e-10)
 # A finger that comes changes the field that goes past it: an open circuit tells C_stray within 1 %
