@@ -43,6 +43,7 @@ from haptic_driver.textures.library import load_texture
 from model.description import ModelDescription
 from model.touch_model import TouchModel
 
+MOSTLY = 0.5  # of the sliding time
 TARGET_BINS = 6
 
 
@@ -157,10 +158,7 @@ def _show(record: SlideRecord, result: Score, what: Text, picture: Path) -> None
         )
     gain = felt["feedback_gain"]
     if gain is not None and abs(gain - 1.0) > WITHIN:
-        stdout.print(
-            f"friction is {gain:.2f} times what the model says, in the mean: feedback closes what"
-            " is missing; --no-feedback shows it"
-        )
+        stdout.print(_of_gain(gain, result.fidelity.reachable_share))
     stdout.print(
         f"highest voltage {result.max_voltage_v:.1f} V peak; output on without contact"
         f" {result.output_on_without_contact_s:.3f} s; refused by the safety gate"
@@ -168,6 +166,19 @@ def _show(record: SlideRecord, result: Score, what: Text, picture: Path) -> None
     )
     stdout.print(f"output at the end: {record.off}")
     stdout.print(f"picture: {picture}")
+
+
+def _of_gain(gain: float, reachable_share: float | None) -> str:
+    """What feedback makes of a finger that is not the model's."""
+    if reachable_share is not None and reachable_share < MOSTLY:
+        return (
+            f"feedback found a gain of {gain:.2f}, and most targets are beyond what this finger"
+            " reaches then: no feedback closes that; --no-feedback shows the model alone"
+        )
+    return (
+        f"friction is {gain:.2f} times what the model says, in the mean: feedback closes what is"
+        " missing; --no-feedback shows it"
+    )
 
 
 def _table(record: SlideRecord) -> Table:

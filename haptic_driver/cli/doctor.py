@@ -119,7 +119,7 @@ def _show(config: RigConfig, checks: list[Check]) -> None:
     for check in checks:
         found = Text.assemble(check.message, (f"\n{check.hint}" if check.hint else "", "dim"))
         table.add_row(check.name, Text(check.status.value, COLOURS[check.status]), found)
-    kind = Text.assemble(", ", SIMULATED) if config.simulated else ""
+    kind = Text.assemble(", ", SIMULATED) if config.is_computed else ""
     stdout.print(Text.assemble(f"rig {config.name}", kind, "; nothing was energised"))
     stdout.print(table)
     _show_settings(checks)

@@ -108,7 +108,7 @@ class Basis:
         rows = list(self.observer.rows)
         recent = [row for row in rows if row.time_s >= rows[-1].time_s - 60.0 * minutes]
         return self.inquiry.ask(
-            recent, self.settings.model, simulated=self.settings.config.simulated
+            recent, self.settings.model, simulated=self.settings.config.is_computed
         )
 
     def _install(self, surface: SurfaceFile, too_late: Callable[[], bool]) -> bool:

@@ -252,7 +252,7 @@ class Daemon:
             machine, rendering, known = orders.machine, orders.rendering, orders.pump.output
             return Status(
                 state=machine.state,
-                simulated=settings.config.simulated,
+                simulated=settings.config.is_computed,
                 rig=shown(settings.config.name),
                 model=settings.model,
                 texture=targets.name if rendering else None,

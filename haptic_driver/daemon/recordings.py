@@ -211,7 +211,7 @@ class Recordings:
         settings = self._settings()
         return RunHeader(
             rig=settings.config.name,
-            simulated=settings.config.simulated,
+            simulated=settings.config.is_computed,
             model=settings.model,
             surface_hash=settings.surface.content_hash,
             calibration_ids=self._calibration_ids,

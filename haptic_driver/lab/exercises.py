@@ -5,6 +5,7 @@ It is sealed in the rig's file. Answers are marked by the rules of the challenge
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -51,7 +52,9 @@ none? `data.csv` was measured on it.
     haptic diagnose data.csv --model reference --out out/diagnosis
     haptic measure --rig rig.toml --plan witnesses --out out/more.csv
 
-Feedback closes what is missing; `--no-feedback` shows it. Write `answers.json`:
+Feedback closes what is missing, as far as the finger reaches; `--no-feedback` shows it.
+
+Write `answers.json`:
 
     {{"{0}": {{"verdict": "named", "effects": ["NAME"], "probability": 0.9}}}}
 
@@ -90,14 +93,14 @@ def make(folder: Path, about: tuple[int, int, str], advance: Callable[[int], obj
     names = [f"{i + 1:02d}" for i in range(count)]
     settings = prepare(rig, TouchModel(load_model(MODEL)), plan).points
     felt = np.array([s[:4] for s in settings if not s.sweep])
-    students = {name: _drawn(seed, i, felt) for i, name in enumerate(names)}
+    drawn = _slowly(seed)
+    students = {name: _drawn(drawn, i, felt) for i, name in enumerate(names)}
     key = Key(seed=seed, plan=plan_name, students=students)
     with replacing(folder / "key.json") as part:
         part.touch(mode=0o600)
         part.write_text(key.model_dump_json(indent=1) + "\n", encoding="utf-8")
     for i, (name, hidden) in enumerate(students.items()):
-        # another seed than the lecturer's, by which the key could be made again
-        noise = int(np.random.default_rng([seed, i, 1]).integers(2**31))
+        noise = int(np.random.default_rng([drawn, i, 1]).integers(2**31))
         own = {"sealed": seal(hidden), "model": MODEL, "seed": noise}
         simulation = rig.simulation.model_copy(update=own)
         config = rig.model_copy(update={"name": f"exercise {name}", "simulation": simulation})
@@ -109,12 +112,20 @@ def make(folder: Path, about: tuple[int, int, str], advance: Callable[[int], obj
     return key
 
 
+def _slowly(seed: int) -> int:
+    """What all is drawn from. Files say numbers that are drawn, so guesses of the lecturer's seed
+    can be tried: each takes a tenth of a second.
+    """
+    cost = {"n": 2**15, "r": 8, "p": 1, "maxmem": 2**26}
+    return int.from_bytes(hashlib.scrypt(f"{seed}".encode(), salt=b"exercise", dklen=8, **cost))
+
+
 def _drawn(seed: int, i: int, felt: Array) -> Hidden:
     """A finger of the population and what is hidden in it. It shows in friction at the conditions
     `felt` [n, 4] of frequency, voltage, load and speed.
     """
     rng, study = np.random.default_rng([seed, i]), load_study(FINGERS)
-    fingers = replace(study, plan=study.plan.model_copy(update={"seed": seed}))
+    fingers = replace(study, plan=study.plan.model_copy(update={"seed": seed % 2**31}))
     finger = {name: float(f"{value:.4g}") for name, value in fingers.finger(i).items()}
     if rng.random() < NOTHING:
         return Hidden(finger=finger)

@@ -335,6 +335,10 @@ class RigConfig(RigParts):
         description="shown in every status, record and log line; by default the file's own name",
     )
     simulated: bool = Field(description='true only with waveform_generator.resource = "simulated"')
+    twin: bool = Field(
+        default=False,
+        description="its instruments are simulators, reached as real ones: haptic simulate --like",
+    )
     limits: LimitsConfig
     safety: SafetySettings = SafetySettings()
     watchdog: WatchdogConfig | None = None
@@ -365,6 +369,11 @@ class RigConfig(RigParts):
         for contradiction in _contradictions(self):
             raise ValueError(contradiction)
         return self
+
+    @property
+    def is_computed(self) -> bool:
+        """Whether what it measures is computed; every record says so."""
+        return self.simulated or self.twin
 
     @property
     def signed_sections(self) -> dict[str, SignedFigures]:

@@ -41,9 +41,9 @@ class Reading(NamedTuple):
     def check(self) -> str:
         """What to do where it is likely."""
         column, factor = next(iter(self.factors.items()))
-        unit, said = RANGES[column][2], f"--column {column}={column}"
+        unit, said = RANGES[column][2], f"--column {column}=NAME"
         look = "look at the file before the rig or the finger"
-        return f"{look}; if so, {said}:{factor:.6g}{unit}, if not, {said}:{unit}"
+        return f"{look}; if so, {said}:{factor:.6g}{unit}, if not, {said}:{unit}, by its NAME there"
 
     def of(self, data: Measurements) -> Measurements:
         """The data as they are then."""

@@ -69,7 +69,7 @@ def _content(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(read_text(path), object_pairs_hook=_each_once)
     except (ValueError, RecursionError) as error:
-        hint = "Write it as README.md of the challenge shows"
+        hint = "Write it as the README.md beside the data shows"
         raise BadInputError(CODE, f"{path}: cannot be read: {error}", hint) from None
     if not isinstance(content, dict):
         said = f"{path}: is no object with an answer to each set"

@@ -174,7 +174,7 @@ def _payload(experiment: Experiment, rows: int, out: Path, stray: Stray | None) 
         "out": str(out),
         "strokes": str(strokes_path(out)),
         "plan": experiment.plan.name,
-        "simulated": experiment.config.simulated,
+        "simulated": experiment.config.is_computed,
         "duration_s": experiment.duration_s,
         "stray_capacitance": None if stray is None else stray._asdict(),
         "refused": [

@@ -97,7 +97,7 @@ class Experiment:
             model_hash=self.model.description.content_hash,
             rig=self.config.name,
             rig_content=json.dumps([self.config.model_dump(mode="json"), hidden], sort_keys=True),
-            simulated=self.config.simulated,
+            simulated=self.config.is_computed,
         )
 
 

@@ -111,6 +111,7 @@ class StageBench:
     def begin_row(self, number: int, row: Row) -> None:
         """See `Bench`. To where the stroke begins, until the load is there, and up to speed."""
         stage, wanted_n = self._stage, row.setting.normal_force_n
+        self._rest()  # an attempt that was cut short leaves it sliding
         self._stroke = self._path = None
         self.places = []
         self._lift()
@@ -159,14 +160,17 @@ class StageBench:
         """See `Bench`. Time passes by itself; without a load the stage rests and the finger may
         lift.
         """
-        if normal_force_n == 0.0 and self._stage.read_status().moving:
-            self._stage.stop()
         if normal_force_n == 0.0:
+            self._rest()
             self._path = None
             self._lift()
         self._wait(dt_s)
         if self._path is not None and self.time_s - self.places[-1].time_s >= PLACE_S:
             self._place()
+
+    def _rest(self) -> None:
+        if self._stage.read_status().moving:
+            self._stage.stop()
 
     def read_force(self) -> ForceReading:
         reading = self.rig.read_force()

@@ -7,6 +7,7 @@ import re
 import matplotlib.image
 import pytest
 
+from haptic_driver.cli.demo import _of_gain
 from tests.haptic_driver.config_texts import SIMULATED, changed
 
 CONTRACT = {
@@ -90,6 +91,13 @@ def test_what_feedback_has_closed_is_told_with_the_gain_that_it_found(demo, tmp_
     )
     # attraction goes with the square of the voltage, and is some 40 % of friction here
     assert [0.7 < float(gain) < 0.95 for gain in told] == ([] if words else [True])
+
+
+def test_feedback_is_not_said_to_close_what_the_finger_does_not_reach():
+    """Where 8 % of the time was within reach the demo said all the same that feedback closes it."""
+    assert "no feedback closes that" in _of_gain(0.42, 0.08)
+    for reachable_share in (0.9, None):
+        assert "feedback closes what is missing" in _of_gain(0.8, reachable_share)
 
 
 def test_a_force_that_the_model_cannot_take_is_about_the_trace(demo, tmp_path):

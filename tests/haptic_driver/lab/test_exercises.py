@@ -21,7 +21,7 @@ from model.touch_model import TouchModel
 from tests.haptic_driver.commands import rows_of, said_by
 from tests.haptic_driver.lab.refusal import refused
 
-SEED = 271828  # something is hidden from the first two students
+SEED = 2718281  # something is hidden from the first two students
 PLAN = """
 name = "small"
 normal_force_n = 0.5

@@ -113,6 +113,16 @@ def test_a_stage_that_stops_before_the_row_is_over_is_told(stepped):
         stepped.end_row()
 
 
+def test_a_row_that_was_cut_short_does_not_keep_the_next_attempt_from_moving(stepped):
+    """The stage slid on, and `haptic measure` ended with "moves already"."""
+    stepped.begin_row(0, Row(DRIVEN, 1, 1))
+    stepped.up_to_speed()
+    stepped.step(0.1, CARRIED_N, SPEED_M_S)
+    assert stepped._stage.read_status().moving
+    stepped.begin_row(0, Row(DRIVEN, 1, 1))
+    stepped.up_to_speed()
+
+
 def test_a_stage_of_another_scale_is_told(stepped):
     """It slides at half the speed that it was sent."""
     stepped.begin_row(0, Row(DRIVEN, 1, 1))
