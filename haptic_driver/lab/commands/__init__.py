@@ -14,6 +14,8 @@ PANELS = {
         "sensitivity": "Say which uncertain number matters most.",
         "reproduce": "Compute figures 4 to 8 of the paper.",
         "contact": "Measure the contact area from a film of the fingerpad.",
+        "contact-panel": "Tell contact areas from a panel's capacitive frames.",
+        "calibrate-panel": "Calibrate a panel's frames to contact areas of a camera.",
     },
     "On a rig, simulated or real": {
         "safety": "Write a rig's inspection report.",
