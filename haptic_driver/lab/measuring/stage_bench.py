@@ -111,7 +111,8 @@ class StageBench:
     def begin_row(self, number: int, row: Row) -> None:
         """See `Bench`. To where the stroke begins, until the load is there, and up to speed."""
         stage, wanted_n = self._stage, row.setting.normal_force_n
-        self._rest()  # an attempt that was cut short leaves it sliding
+        if self._path is not None:  # an attempt that was cut short left it sliding
+            self._rest()
         self._stroke = self._path = None
         self.places = []
         self._lift()

@@ -1,7 +1,11 @@
 """Simulated twins of a real rig, and the file that points at them."""
 
+from dataclasses import replace
+
 import pytest
 
+from haptic_driver.lab.measuring.plan import Plan, Setting
+from haptic_driver.lab.measuring.run import prepare
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.parts.amplifiers import AmplifierConfig
 from haptic_driver.simulation.rig import SimulatedRig
@@ -45,6 +49,7 @@ def test_the_file_that_is_written_is_the_rig_where_it_is_served(mine, tmp_path):
     path.write_text(file_of(reached(twin, ENDPOINTS)), encoding="utf-8")
     copy = load_rig(str(path))
     assert not copy.simulated
+    assert copy.is_computed
     assert sorted(copy.addresses) == sorted(
         where for name, where in ENDPOINTS.items() if name != "interlock_tcp"
     )
@@ -55,6 +60,16 @@ def test_the_file_that_is_written_is_the_rig_where_it_is_served(mine, tmp_path):
     for same in ("limits", "safety", "output", "finger", "controller", "screen"):
         assert getattr(copy, same) == getattr(mine, same)
     assert copy.amplifier.gain_v_per_v == mine.amplifier.gain_v_per_v
+
+
+def test_what_is_measured_on_a_twin_says_that_it_is_computed(mine, touch):
+    """Its file is signed by the rig's owner, and its rows looked like the rig's."""
+    twin, _ = twin_of(mine)
+    setting = Setting(250.0, 75.0, 0.5, 0.02)
+    plan = Plan(name="one", settings=[setting], voltage_off_every=0)
+    experiment = prepare(load_rig("simulated"), touch, plan)
+    assert replace(experiment, config=twin).identity().simulated
+    assert not replace(experiment, config=mine).identity().simulated
 
 
 class OwnAmplifier(AmplifierConfig):
