@@ -67,7 +67,8 @@ COLUMNS = (*RANGES, "humidity_pct", "temperature_c", *WORDS)  # all that are rea
 WANTED = (
     f"Give a CSV with columns {', '.join(REQUIRED)}, cof (or lateral_force_n); optional cof_std,"
     " speed_m_s, time_s, session, trial; of the electrode current_a, current_phase_rad,"
-    " electrode_voltage_v, electrode_voltage_phase_rad, finger; of a camera contact_area_m2"
+    " electrode_voltage_v, electrode_voltage_phase_rad, finger; of a camera contact_area_m2. For"
+    " another name or unit: --column frequency_hz=NAME:UNIT"
 )
 
 

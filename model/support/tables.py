@@ -36,7 +36,7 @@ from model.support.units import (
     unit_of,
 )
 
-MOST_LISTED = 200  # cells that an error names
+MOST_LISTED = 30  # cells that an error names
 ROW_BYTES = 100  # where rows are limited
 MOST_SAID = 40  # columns that an error names
 HEADER_LINES = 100  # of a file, in which its header is looked for
