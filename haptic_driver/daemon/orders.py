@@ -51,6 +51,7 @@ class Orders:
         self._events = events
         self._clock = clock
         self.withdrawn = 0  # another number whenever somebody has begun to switch off, and has
+        self.overtaken = 0  # likewise, but not where a script ends: what is asked then goes on
         self._withdrawals = count(1)
         self._armed_at = 0  # the first order of the present arming
         self._flags = Flag(0)
@@ -104,18 +105,23 @@ class Orders:
         with self.lock:
             self._order_now(surface=number)
 
-    def withdraw(self, move: Callable[[], object]) -> None:
+    def withdraw(self, move: Callable[[], object], *, overtakes: bool = True) -> None:
         """Off now; then the state says so, and a command that was on its way meanwhile is
-        undone.
+        undone. `overtakes`: what was asked before, and is not rendered yet, never is.
         """
-        self.withdrawn = next(self._withdrawals)
+        self._count(overtakes)
         self.pump.off()
         with self.lock:
-            self.withdrawn = next(self._withdrawals)
+            self._count(overtakes)
             move()
             self.pump.close()
             self._order_now()
         self.pump.undo_late_command()
+
+    def _count(self, overtakes: bool) -> None:
+        self.withdrawn = next(self._withdrawals)
+        if overtakes:
+            self.overtaken = self.withdrawn
 
     def fail(self, reason: str) -> None:
         """Fault, and off: where instruments are silent it takes seconds to learn that nobody knows

@@ -74,19 +74,21 @@ class Targets:
         """One friction everywhere. Raises BadInputError for one far out of reach, unless the
         nearest will do.
         """
+        asked_at = self._orders.overtaken
         # without the right to ask there is no answer on what is reachable
         self._orders.renew(token)
         load_n, (low, high) = self.reach()
         if not (nearest or (1.0 - FAR) * low <= cof <= (1.0 + FAR) * high):
             raise _out_of_reach(f"friction {cof:g} is", load_n, low, high)
         with self.changing:
-            self._hand_over(token, Uniform(cof), None)
+            self._hand_over(token, asked_at, Uniform(cof), None)
             self._events.tell("target", f"friction {cof:g}", cof=cof)
 
     def play(self, token: str, texture: str, *, nearest: bool = False) -> None:
         """A texture, or a script from its beginning. Raises BadInputError as `set` does, where most
         of it is far.
         """
+        asked_at = self._orders.overtaken
         self._orders.renew(token)
         load_n, (low, high) = self.reach()
         target, asked, drawn, gain = self._loader.texture(
@@ -97,7 +99,7 @@ class Targets:
         if isinstance(target, Script):
             target = target.started(self._clock())
         with self.changing:
-            self._hand_over(token, target, shown(texture), drawn)
+            self._hand_over(token, asked_at, target, shown(texture), drawn)
             self._events.tell("texture", texture, perceptual_gain=gain)
             self.tell_scene()
 
@@ -107,6 +109,7 @@ class Targets:
         """Change the present scene, or begin one. Raises BadInputError as `set` and `play` do, and
         for a change that cannot be; then nothing is changed.
         """
+        asked_at = self._orders.overtaken
         self._orders.renew(token)
         with self.changing:
             said, quick = [change_said(change) for change in changes], None
@@ -134,7 +137,7 @@ class Targets:
             drawn = drawn.without_leftovers()
             name = self.name if before is not None else "scene"
             whole = before is None or show
-            self._hand_over(token, drawn.scene(), name, drawn, begins=whole)
+            self._hand_over(token, asked_at, drawn.scene(), name, drawn, begins=whole)
             return self._tell_changes(as_changes(drawn.described) if whole else said, drawn)
 
     def scene_shown(self) -> SceneShown:
@@ -210,6 +213,7 @@ class Targets:
     def _hand_over(
         self,
         token: str,
+        asked_at: int,
         target: Target,
         name: str | None,
         drawn: Drawn | None = None,
@@ -218,6 +222,9 @@ class Targets:
     ) -> None:
         """Render takes it up between two ticks, and begins to render where it did not, if it
         `begins`.
+
+        `asked_at`: the number of `overtaken` when it was asked for. RefusedError where somebody
+        has switched off since: a texture may take seconds to read.
         """
         with self.choosing:
             with self._orders.lock:
@@ -226,6 +233,10 @@ class Targets:
             self.await_taken(lambda output: output.target == number)
             self._shared.targets.write(number + 1, target)
             with self._orders.lock:
+                if begins and asked_at != self._orders.overtaken:
+                    raise RefusedError(
+                        "overtaken", "the output was switched off meanwhile", "ask again"
+                    )
                 self._given_s = time.monotonic()
                 if begins:
                     self._orders.render(token, number + 1)

@@ -140,7 +140,7 @@ def _end_script(watched: Watched, number: int) -> None:
     if watched.targets.choosing.acquire(blocking=False):
         try:
             if orders.order.target == number:
-                orders.withdraw(orders.machine.off)
+                orders.withdraw(orders.machine.off, overtakes=False)
                 watched.events.tell("state", f"the script has ended; {orders.said}")
         finally:
             watched.targets.choosing.release()

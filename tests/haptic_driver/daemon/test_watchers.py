@@ -11,7 +11,8 @@ import pytest
 from haptic_driver.daemon import watchers
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.judge import MeasuredLatency
-from haptic_driver.daemon.messages import DaemonState
+from haptic_driver.daemon.loader import Asking
+from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.daemon.watchers import UNDERRUN_TOLD_S, WATCHERS
 from haptic_driver.processes.samples import Flag
@@ -19,6 +20,7 @@ from haptic_driver.processes.shared_memory import NO_OUTPUT, NOT_PLAYED, NOTHING
 from haptic_driver.render.texture import Script, Step, Uniform
 from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.states import RigEvent, RigState
+from haptic_driver.textures.reach import demand
 from tests.clock import ManualClock
 from tests.haptic_driver.daemon.ticks import made_tick
 from tests.waiting import HANG_S, until
@@ -115,6 +117,48 @@ def test_switching_off_waits_for_nobody_who_holds_the_lock(bench):
     assert ("trip", "over-current") in [
         (event.kind, event.message) for event in bench.events.since(0)
     ]
+
+
+class SlowLoader:
+    """It reads a texture, and `meanwhile` something else is done."""
+
+    def __init__(self, meanwhile):
+        self._meanwhile = meanwhile
+
+    def texture(self, name, reachable_cof):
+        self._meanwhile()
+        return Asking(Uniform(0.6), demand(Uniform(0.6), reachable_cof), None, 1.0)
+
+
+@pytest.mark.parametrize("verb", ["off", "disarm"])
+def test_a_texture_that_was_being_read_at_off_is_not_rendered_after_it(bench, verb):
+    """It took three seconds to be read, after OFF had been answered, and came on then."""
+    token = bench.arm()
+    moves = bench.orders.machine
+    bench.targets._loader = SlowLoader(lambda: bench.orders.withdraw(getattr(moves, verb)))
+    with pytest.raises(RefusedError) as refused:
+        bench.targets.play(token, "linen", nearest=True)
+    assert refused.value.code == {"off": "overtaken", "disarm": "not_armed"}[verb]
+    assert not bench.orders.rendering
+    bench.targets._loader = SlowLoader(lambda: None)
+    bench.targets.play(bench.arm() if verb == "disarm" else token, "linen", nearest=True)
+    assert bench.orders.rendering
+
+
+def test_a_texture_that_is_being_read_as_a_script_ends_is_rendered(bench):
+    token = bench.arm()
+    script = Script((Step(0.0, Uniform(0.6), "hold", ""), Step(0.1, Uniform(0.6), "hold", "")))
+    bench.targets.target = script.started(bench.clock.now_s - 1.0)
+    bench.orders.render(token, 1)
+    bench.rendered()
+
+    def ends():
+        bench.watch()
+        assert not bench.orders.rendering
+
+    bench.targets._loader = SlowLoader(ends)
+    bench.targets.play(token, "linen", nearest=True)
+    assert bench.orders.rendering
 
 
 def test_a_fault_is_told_before_silent_instruments_have_been_waited_for(bench):
