@@ -79,6 +79,7 @@ THREADS = (
     Part("bounded", "any", "processes/patience.py", "work that may hang and is waited for so long"),
     Part("ahead", "recorder", "recording/process.py", "takes ticks while a disk is awaited"),
     Part("linger", "instruments", "simulation/process.py", "ends them after their daemon"),
+    Part("turns", "`haptic osc`", "cli/osc.py", "asks what came; who hears OFF does that itself"),
     Part("lease", "a client", "client.py", "renews a client's lease"),
 )
 
