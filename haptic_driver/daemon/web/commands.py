@@ -22,7 +22,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from anyio import to_thread
-from pydantic import Field, JsonValue, ValidationError
+from pydantic import BaseModel, Field, JsonValue, ValidationError
 
 from haptic_driver.config import Checked, problem
 from haptic_driver.daemon.daemon import Daemon
@@ -39,6 +39,12 @@ RENEWAL_S = 0.025  # a quarter of the shortest lease
 TAKEN_TICKS = 2  # after the newest tick: render may be computing the next one
 
 _VERBS = methods()
+
+
+class _Numbered(BaseModel):
+    """What there is of a message in any case."""
+
+    id: int | str | None = None
 
 
 class Command(Checked):
@@ -75,10 +81,8 @@ class CommandChannel:
 
     async def hear(self, text: str) -> None:
         """Take a message: what switches off and what renews is done, the rest waits its turn."""
-        said_id: int | str | None = None
         try:
             command = _understood(text)
-            said_id = command.id
             verb = _VERBS[command.verb]
             asked = verb.schema.model_validate_json(json.dumps(command.asked))
             at_once = verb.switches_off or verb is Verbs.renew
@@ -88,10 +92,11 @@ class CommandChannel:
                 )
         except ValidationError as error:
             fault = BadInputError("bad_request", problem(error.errors()[0]), "see /openapi.json")
-            await self._refuse(said_id, fault)
+            await self._refuse(_id_of(text), fault)
         except HapticError as error:
-            await self._refuse(said_id, error)
+            await self._refuse(_id_of(text), error)
         else:
+            said_id = command.id
             if verb.switches_off:
                 await self._switch_off(said_id, command.verb)
             elif verb is Verbs.renew:
@@ -182,6 +187,14 @@ class CommandChannel:
     ) -> None:
         said = {"id": said_id, "status": status or status_of(error)}
         await self._send(json.dumps(said | ErrorReport.of(error).model_dump()))
+
+
+def _id_of(text: str) -> int | str | None:
+    """The number of a request, also of one that cannot be read otherwise: somebody waits for it."""
+    try:
+        return _Numbered.model_validate_json(text).id
+    except ValidationError:
+        return None
 
 
 def _understood(text: str) -> Command:

@@ -102,6 +102,33 @@ def test_what_cannot_be_done_is_refused_and_the_channel_goes_on(line, said, stat
     assert "answer" in ask(line, "status")
 
 
+@pytest.mark.parametrize("number", [7, "seven"])
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"verb": "nosuch"},
+        {},
+        {"verb": 3},
+        {"verb": "set", "asked": [0.6]},
+        {"verb": "set", "asked": {"cof": "soft"}},
+        {"verb": "set", "more": 1},
+        {"verb": "set", "lease": None},
+    ],
+)
+def test_a_request_that_is_refused_unread_is_answered_by_its_id(line, said, number):
+    """A page that asked for a verb that is not there waited for ever."""
+    line.send(json.dumps({"id": number, **said}))
+    refused = answer(line)
+    assert (refused["id"], refused["status"]) == (number, 422)
+
+
+@pytest.mark.parametrize("said", ["no JSON", "[1]", "7", '{"id": [1], "verb": "status"}'])
+def test_what_has_no_id_that_can_be_read_is_refused_without(line, said):
+    line.send(said)
+    refused = answer(line)
+    assert (refused["id"], refused["status"]) == (None, 422)
+
+
 def test_what_the_program_gets_wrong_is_answered(line, control, monkeypatch):
     monkeypatch.setattr(control, "scene_shown", lambda: 1 / 0)
     refused = ask(line, "scene_shown")

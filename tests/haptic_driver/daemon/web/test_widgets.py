@@ -125,6 +125,27 @@ def test_the_recipe_for_an_apps_own_page(browser, served, control):
     context.close()
 
 
+def said(page, script):
+    """What it gives, on a page with a channel of its own."""
+    return page.evaluate(
+        f"""async () => {{
+      const {{ Haptic }} = await import("./haptic.js");
+      const haptic = await Haptic.open();
+      {script}
+    }}"""
+    )
+
+
+def test_a_verb_that_is_not_there_is_refused(page):
+    code = said(
+        page,
+        """const refused = haptic.ask("nosuch").catch((error) => error.code);
+      await haptic.ask("status"); // which is answered after it
+      return Promise.race([refused, "no answer"]);""",
+    )
+    assert code == "not_found"
+
+
 OPEN = """async ([source, address]) => {
   const later = setTimeout;
   window.setTimeout = (work, ms) => later(work, ms / 50);
