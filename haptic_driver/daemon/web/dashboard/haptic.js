@@ -40,7 +40,8 @@ export class Haptic {
   constructor(socket) {
     this.socket = socket;
     this.tick = 0; // from which on the last answer holds
-    this.lost = (error) => console.error(error); // the lease has ended: yours to replace
+    this.lost = (error) => console.error(error); // the lease has ended unasked: yours to replace
+    this.holds = false; // a lease
     this.asked = 0;
     this.waiting = new Map(); // number -> [done, failed]
     this.moves = new Map(); // object -> its newest place, not said yet
@@ -63,6 +64,7 @@ export class Haptic {
 
   async arm(lease_s = 2, holder = document.title || "a page") {
     const lease = await this.ask("arm", { lease_s, holder });
+    this.holds = true;
     clearInterval(this.renewing);
     const period_ms = (1000 * lease_s) / RENEWALS_PER_LEASE;
     this.renewing = setInterval(() => this.ask("renew").catch((error) => this.#lose(error)), period_ms);
@@ -96,11 +98,12 @@ export class Haptic {
   }
 
   disarm() {
-    clearInterval(this.renewing);
+    this.#letGo();
     return this.ask("disarm");
   }
 
   close() {
+    this.#letGo();
     this.socket.close();
   }
 
@@ -112,7 +115,7 @@ export class Haptic {
         await this.scene(changes);
       }
     } catch (error) {
-      this.lost(error);
+      if (error instanceof Refusal) this.lost(error); // that the daemon has gone, `#close` says
     } finally {
       this.moving = false;
     }
@@ -128,14 +131,22 @@ export class Haptic {
     }
   }
 
-  #lose(error) {
+  #letGo() {
     clearInterval(this.renewing);
-    this.lost(error);
+    this.holds = false;
+  }
+
+  // Told once: a renewal may be on its way as the connection closes.
+  #lose(error) {
+    const held = this.holds;
+    this.#letGo();
+    if (held) this.lost(error);
   }
 
   #close() {
-    clearInterval(this.renewing);
-    for (const [, failed] of this.waiting.values()) failed(new Error("the daemon has gone"));
+    const gone = new Error("the daemon has gone");
+    for (const [, failed] of this.waiting.values()) failed(gone);
     this.waiting.clear();
+    this.#lose(gone);
   }
 }

@@ -110,7 +110,7 @@ function tell(error) {
 
 async function arm() {
   try {
-    haptic ??= await Haptic.open();
+    if (haptic?.socket.readyState !== WebSocket.OPEN) haptic = await Haptic.open();
     haptic.lost = tell;
     await haptic.arm();
     const added = [{ do: "background", cof: SMOOTH }, rectangle("thumb", detent(level), 12, 6, 10, PRESSED)];

@@ -7,7 +7,13 @@ import pytest
 
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.run import PAGE_FOLDER
-from tests.haptic_driver.daemon.web.served_page import HANG_MS, BrowserError, expect
+from tests.haptic_driver.daemon.web.served_page import (
+    HANG_MS,
+    BrowserError,
+    Served,
+    SlidingControl,
+    expect,
+)
 from tests.waiting import until
 
 pytestmark = pytest.mark.process
@@ -144,6 +150,80 @@ def test_a_verb_that_is_not_there_is_refused(page):
       return Promise.race([refused, "no answer"]);""",
     )
     assert code == "not_found"
+
+
+def test_who_holds_a_lease_hears_that_the_daemon_has_gone_and_others_do_not(browser, tmp_path):
+    """A page of which no renewal was on its way rendered on the screen alone."""
+    served = Served(SlidingControl(), tmp_path)
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.goto(served.url.replace("/page/", "/page/widgets.html"))
+        said(
+            page,
+            """window.heard = [];
+      const opened = { holder: haptic, idle: await Haptic.open(), disarmed: await Haptic.open() };
+      for (const [who, one] of Object.entries(opened)) one.lost = ({ message }) => heard.push([who, message]);
+      window.allClosed = Promise.all(Object.values(opened).map(
+        ({ socket }) => new Promise((closed) => socket.addEventListener("close", closed))));
+      await opened.disarmed.arm();
+      await opened.disarmed.disarm();
+      await haptic.arm(60); // renewed every 15 s
+      window.holder = haptic;""",
+        )
+        served.stop()
+        page.evaluate("allClosed")
+        gone = [["holder", "the daemon has gone"]]
+        assert page.evaluate("heard") == gone
+        page.evaluate("""holder.move("key", 1, 1)""")  # as often as the page draws
+        assert page.evaluate("heard") == gone
+
+
+def test_a_renewal_that_is_on_its_way_as_the_connection_closes_is_told_once(page):
+    heard = said(
+        page,
+        """await haptic.ask("disarm"); // the example's lease
+      await haptic.arm();
+      const heard = [];
+      haptic.lost = ({ message }) => heard.push(message);
+      await new Promise((sent) => { haptic.socket.send = sent; }); // a renewal, never answered
+      haptic.socket.onclose(); // as a browser calls it
+      await new Promise((done) => setTimeout(done));
+      return heard;""",
+    )
+    assert heard == ["the daemon has gone"]
+
+
+def test_a_page_that_closes_its_channel_itself_has_lost_nothing(page):
+    heard = said(
+        page,
+        """await haptic.ask("disarm");
+      await haptic.arm();
+      let heard = 0;
+      haptic.lost = () => heard++;
+      const closed = new Promise((done) => haptic.socket.addEventListener("close", done));
+      haptic.close();
+      await closed;
+      return heard;""",
+    )
+    assert heard == 0
+
+
+def test_the_example_opens_another_channel_where_its_own_has_closed(page):
+    page.evaluate(
+        """() => { // the next that is opened is closed again
+      const open = WebSocket.prototype.send;
+      WebSocket.prototype.send = function (said) {
+        WebSocket.prototype.send = open;
+        open.call(this, said);
+        window.closing = new Promise((done) => this.addEventListener("close", done));
+        this.close();
+      };
+    }"""
+    )
+    page.keyboard.press("Escape")
+    page.evaluate("closing")
+    page.click("#arm")
+    expect(page.locator("#said")).to_have_text("armed")
 
 
 OPEN = """async ([source, address]) => {
