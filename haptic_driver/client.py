@@ -209,7 +209,7 @@ class HapticClient(Verbs):
                 raise self._no_daemon() from error
 
     def _connected(self, path: str, **options: Any) -> ClientConnection:
-        from websockets.exceptions import WebSocketException  # noqa: PLC0415
+        from websockets.exceptions import InvalidStatus, WebSocketException  # noqa: PLC0415
         from websockets.sync.client import connect  # noqa: PLC0415
 
         where, headers = f"ws://{self.address.authority}{path}", self._credentials
@@ -217,6 +217,10 @@ class HapticClient(Verbs):
             line: ClientConnection = connect(
                 where, sock=self._line(None), additional_headers=headers, **options
             )
+        except InvalidStatus as refused:
+            self.status()  # says why, which the answer to a WebSocket does not
+            said = f"the daemon at {self.address} takes no connection ({refused})"
+            raise HapticError("busy", said, "ask again") from refused
         except (OSError, WebSocketException) as error:
             raise self._no_daemon() from error
         return line

@@ -33,7 +33,9 @@ export class Haptic {
         clearTimeout(timer);
         opened(new Haptic(socket));
       };
-      socket.onerror = () => failed(new Error(`no daemon answers at ${page.host}`));
+      // A browser does not say which of these it was.
+      const why = `no daemon answers at ${page.host}, or it refused the token or this page's address`;
+      socket.onerror = () => failed(new Error(why));
     });
   }
 

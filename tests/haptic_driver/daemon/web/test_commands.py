@@ -10,7 +10,9 @@ from websockets.sync.client import unix_connect
 
 from haptic_driver.client import HapticClient, NoDaemonError, circle
 from haptic_driver.daemon.messages import DaemonState
+from haptic_driver.daemon.web import server
 from haptic_driver.daemon.web.commands import MOST_WAITING
+from haptic_driver.errors import HapticError
 from tests.haptic_driver.daemon.bench_control import BenchControl, serving
 from tests.waiting import until
 
@@ -190,6 +192,31 @@ def test_the_lease_ends_with_the_channel_and_no_other_does(line, control, tmp_pa
         line.close()
         assert control.machine.state is DaemonState.RENDERING
     until(lambda: control.machine.state is DaemonState.IDLE)
+
+
+STREAMS = {
+    "watch": lambda client: next(client.watch()),
+    "channel": lambda client: client.channel().__enter__(),
+}
+
+
+@pytest.mark.parametrize("stream", STREAMS)
+def test_a_stream_without_the_token_is_not_said_to_meet_no_daemon(tmp_path, stream):
+    with serving(BenchControl(), tmp_path, 0) as url:
+        client = HapticClient(url.partition("?")[0] + "?token=wrong")
+        with pytest.raises(HapticError) as refused:
+            STREAMS[stream](client)
+    assert refused.value.code == "no_token"
+
+
+@pytest.mark.parametrize("stream", STREAMS)
+def test_a_stream_that_a_crowded_daemon_refuses_is_said_to_be_so(tmp_path, monkeypatch, stream):
+    monkeypatch.setattr(server, "MOST_AT_ONCE", 0)
+    with serving(BenchControl(), tmp_path):
+        client = HapticClient(tmp_path / "d.sock")
+        with pytest.raises(HapticError) as refused:
+            STREAMS[stream](client)
+    assert refused.value.code == "busy"
 
 
 def test_a_held_lease_changes_its_scene_over_one_channel(control, tmp_path):

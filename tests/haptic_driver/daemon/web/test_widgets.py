@@ -226,6 +226,19 @@ def test_the_example_opens_another_channel_where_its_own_has_closed(page):
     expect(page.locator("#said")).to_have_text("armed")
 
 
+def test_a_wrong_token_is_not_said_to_be_no_daemon_alone(page, served):
+    """The server had answered 403, which a browser's WebSocket does not see."""
+    why = page.evaluate(
+        """async (address) => {
+      const { Haptic } = await import("./haptic.js");
+      return Haptic.open(address).then(() => "opened", (error) => error.message);
+    }""",
+        served.url.replace(served.token, "wrong"),
+    )
+    host = served.url.split("/")[2]
+    assert why == (f"no daemon answers at {host}, or it refused the token or this page's address")
+
+
 OPEN = """async ([source, address]) => {
   const later = setTimeout;
   window.setTimeout = (work, ms) => later(work, ms / 50);
