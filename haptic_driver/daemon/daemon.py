@@ -140,11 +140,11 @@ class Daemon:
             self._orders.beat()
             # compiled before anybody can arm
             _current_a(self.basis.settings, self.shared.output.read(), 0.0)
+            self._loader.start()  # seconds on a busy machine, for which the first texture waited
             self.supervisor.start()
             self._start_threads()
             if self.event_line is not None:
                 self.event_line.start()
-            self._loader.start()  # what nobody waits for comes last
             self.basis.start()
             self.supervisor.await_all()
             if self.line_in is not None:  # last: an edge begins a recording of all the rest

@@ -15,6 +15,7 @@ from haptic_driver.daemon.loader import Asking
 from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.daemon.watchers import UNDERRUN_TOLD_S, WATCHERS
+from haptic_driver.errors import HapticError
 from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import NO_OUTPUT, NOT_PLAYED, NOTHING_SENSED
 from haptic_driver.render.texture import Script, Step, Uniform
@@ -117,6 +118,22 @@ def test_switching_off_waits_for_nobody_who_holds_the_lock(bench):
     assert ("trip", "over-current") in [
         (event.kind, event.message) for event in bench.events.since(0)
     ]
+
+
+def test_what_reads_textures_comes_up_while_the_rest_is_started(bench, monkeypatch):
+    """The first texture after the start waited seconds for it."""
+    begun = []
+
+    def start():
+        begun.append("the rest")
+        raise HapticError("enough", "no rig is here", "")
+
+    monkeypatch.setattr(bench.daemon._loader, "start", lambda: begun.append("loader"))
+    monkeypatch.setattr(bench.daemon.supervisor, "start", start)
+    monkeypatch.setattr(bench.daemon, "close", lambda: None)  # which the fixture does
+    with pytest.raises(HapticError, match="no rig is here"):
+        bench.daemon.start()
+    assert begun == ["loader", "the rest"]
 
 
 class SlowLoader:
