@@ -216,8 +216,8 @@ def osc(
 
     `/haptic/arm TOKEN 1.0`, `/haptic/set TOKEN 0.6`, `/haptic/play TOKEN linen`, `/haptic/off`. It
     listens on this machine alone; the token is printed. Answers go to the sender as
-    `/haptic/answer`. `off` and `disarm` wait for no other message. A lease that no message renews
-    runs out, and the output goes to zero.
+    `/haptic/answer`, but of messages without the token to the console alone. `off` and `disarm`
+    wait for no other message. A lease that no message renews runs out, and the output goes to zero.
 
     Example: `haptic osc --port 9001`
     """

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
@@ -192,7 +193,10 @@ class Listening:
         self._client = socket_of_udp()
 
     def say(self, name, *values):
-        asked = self._builder.build_msg(f"/haptic/{name}", [self.token, *values])
+        self.say_as(self.token, name, *values)
+
+    def say_as(self, token, name, *values):
+        asked = self._builder.build_msg(f"/haptic/{name}", [token, *values])
         self._client.sendto(asked.dgram, self._to)
 
     def say_all_at(self, when, *names):
@@ -212,16 +216,23 @@ class Listening:
         self._client.close()
 
 
-@pytest.fixture
-def listening(socket):
+@contextmanager
+def listening_osc(**options):
     pytest.importorskip("pythonosc", reason="python-osc is not installed")
     line = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "osc"]
-    with subprocess.Popen([*line, "--port", "0"], stdout=subprocess.PIPE, text=True) as command:
+    line += ["--port", "0"]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True, **options) as command:
         listening = Listening(command)
         yield listening
         listening.close()
         command.send_signal(signal.SIGINT)
         assert command.wait(ANSWER_S) == 0
+
+
+@pytest.fixture
+def listening(socket):
+    with listening_osc() as listening:
+        yield listening
 
 
 @pytest.mark.process
@@ -258,6 +269,25 @@ def test_off_by_osc_is_answered_while_a_texture_is_being_read(listening, control
     finally:
         let_go.set()
     assert listening.answer()[:2] == ["play", "unknown_texture"]
+
+
+@pytest.mark.process
+def test_who_lacks_the_token_gets_no_answer_and_the_console_says_what_became(socket, control):
+    """As the docs say: an answer would tell a stranger the rig's state."""
+    with listening_osc(stderr=subprocess.PIPE) as listening:
+        listening.say("arm", 60.0)
+        listening.say("set", 0.6)
+        assert [listening.answer()[0] for _ in range(2)] == ["arm", "set"]
+        listening.say_as("wrong", "set", 0.7)
+        listening.say_as("wrong", "off")
+        until(lambda: control.status().target_cof is None)
+        listening.say("status")
+        assert listening.answer()[0] == "status"
+        told = [listening.command.stderr.readline() for _ in range(2)]
+    assert set(told) == {
+        "off without the token: ok\n",
+        "/haptic/set without the token is not heard\n",
+    }
 
 
 @pytest.mark.process
