@@ -140,8 +140,9 @@ class Daemon:
             self._orders.beat()
             # compiled before anybody can arm
             _current_a(self.basis.settings, self.shared.output.read(), 0.0)
-            self._loader.start()  # seconds on a busy machine, for which the first texture waited
             self.supervisor.start()
+            # while the others come up: on a busy machine it takes seconds, and a texture waits
+            self._loader.start()
             self._start_threads()
             if self.event_line is not None:
                 self.event_line.start()

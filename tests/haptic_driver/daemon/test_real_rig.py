@@ -107,7 +107,7 @@ def test_a_rig_may_say_that_it_has_no_watchdog(real_config):
 
 def test_a_target_reaches_the_electrode_and_off_takes_it_away(daemon, served):
     status = daemon.status()
-    assert (status.state, status.simulated, status.output_on) == (DaemonState.IDLE, False, False)
+    assert (status.state, status.simulated, status.output_on) == (DaemonState.IDLE, True, False)
     assert set(daemon.pids) == {"render", "watchdog", "loader", "observer"}
     render(daemon, served)
     assert served.interlock.closed

@@ -124,16 +124,20 @@ def test_what_reads_textures_comes_up_while_the_rest_is_started(bench, monkeypat
     """The first texture after the start waited seconds for it."""
     begun = []
 
-    def start():
-        begun.append("the rest")
+    def ended():
+        begun.append("the rest is awaited")
         raise HapticError("enough", "no rig is here", "")
 
-    monkeypatch.setattr(bench.daemon._loader, "start", lambda: begun.append("loader"))
-    monkeypatch.setattr(bench.daemon.supervisor, "start", start)
-    monkeypatch.setattr(bench.daemon, "close", lambda: None)  # which the fixture does
+    daemon = bench.daemon
+    monkeypatch.setattr(daemon._loader, "start", lambda: begun.append("loader"))
+    monkeypatch.setattr(daemon.supervisor, "start", lambda: begun.append("devices and render"))
+    monkeypatch.setattr(daemon.supervisor, "await_all", ended)
+    monkeypatch.setattr(daemon.basis, "start", lambda: None)
+    monkeypatch.setattr(daemon, "_start_threads", lambda: None)
+    monkeypatch.setattr(daemon, "close", lambda: None)  # which the fixture does
     with pytest.raises(HapticError, match="no rig is here"):
-        bench.daemon.start()
-    assert begun == ["loader", "the rest"]
+        daemon.start()
+    assert begun == ["devices and render", "loader", "the rest is awaited"]
 
 
 class SlowLoader:
