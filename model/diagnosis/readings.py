@@ -43,7 +43,8 @@ class Reading(NamedTuple):
         column, factor = next(iter(self.factors.items()))
         unit, said = RANGES[column][2], f"--column {column}=NAME"
         look = "look at the file before the rig or the finger"
-        return f"{look}; if so, {said}:{factor:.6g}{unit}, if not, {said}:{unit}, by its NAME there"
+        so, not_so = f"{said}:{factor:.6g}{unit}", f"{said}:{unit}"
+        return f"{look}; if so, {so}, if not, {not_so} (NAME: in the file)"
 
     def of(self, data: Measurements) -> Measurements:
         """The data as they are then."""

@@ -26,6 +26,7 @@ from model.diagnosis.witness import FRICTION
 from model.diagnosis.workflow import Diagnosis, Findings, diagnose
 from model.reporting.model_file import fitted_effects, fitted_model, fitted_nuisances
 from model.support.errors import nearest
+from model.support.tables import read_table
 from model.touch_model import TouchModel
 
 VERDICTS: dict[str, Literal["named", "listed", "unknown", "nothing"]] = {
@@ -82,9 +83,9 @@ def read_unseen(path: Path) -> Conditions | None:
     """The settings of a file that `sets.make` has written; None of an older challenge."""
     if not path.exists():
         return None
-    columns = np.genfromtxt(path, delimiter=",", names=True)
-    there = columns.dtype.names or ()
-    return Conditions(**{name: columns[name] for name in CONDITIONS if name in there})
+    table = read_table(path, CONDITIONS[:3], "Make the challenge again in another folder")
+    columns: dict[str, Any] = {n: table.numbers(n) for n in CONDITIONS if n in table.columns}
+    return Conditions(**columns)
 
 
 def _predicted(model: ModelDescription, unseen: Conditions | None) -> list[float] | None:

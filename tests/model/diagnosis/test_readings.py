@@ -91,7 +91,7 @@ def test_frequencies_in_khz_are_no_wet_skin(path, tmp_path):
     assert said in found.findings.verdict.reason
     assert said.startswith("a table with frequencies in kHz looks like this: look at the file")
     unit = "--column frequency_hz=NAME:"
-    assert said.endswith(f"if so, {unit}1000Hz, if not, {unit}Hz, by its NAME there")
+    assert said.endswith(f"if so, {unit}1000Hz, if not, {unit}Hz (NAME: in the file)")
     assert found.findings.learned is None
     named = {"frequency_hz": Named("frequency_hz", "1000Hz")}
     assert diagnose(FINGER, read_measurements(in_khz, named=named)).name == "no_discrepancy"
