@@ -11,6 +11,7 @@ import sys
 
 from benchmarks import (
     contact_area,
+    contact_conditions,
     daemon_fidelity,
     envelope,
     event_line,
@@ -42,6 +43,7 @@ PARTS = (
     tick_compute,
     envelope,
     sensing,
+    contact_conditions,
     placement,
     tick_lateness,
     scene,

@@ -27,7 +27,7 @@ class FingerSample(NamedTuple):
 
     `lateral_force_n` is what friction is measured by, of either sign; NaN where it is unknown: no
     sensor, a reading that is stale or saturated. `now_s` is when the tick is due; NaN: at the time
-    of the reading.
+    of the reading. `contact_area_m2` is NaN where the screen does not tell it.
     """
 
     time_s: float
@@ -36,6 +36,7 @@ class FingerSample(NamedTuple):
     normal_force_n: float
     lateral_force_n: float = nan
     now_s: float = nan
+    contact_area_m2: float = nan
 
 
 class FingerState(NamedTuple):
@@ -56,6 +57,7 @@ class FingerState(NamedTuple):
     lateral_force_n: float = nan
     contact_s: float = 0.0
     met_m_s: float = nan
+    contact_area_m2: float = nan
 
 
 class TargetFriction(NamedTuple):

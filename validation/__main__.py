@@ -1,5 +1,5 @@
 """`make validate`: solve the contacts, then write docs/validation.md, its table and its
-pictures; and docs/voltage-law.md, alone with `voltage`.
+pictures; and docs/voltage-law.md, alone with `voltage`. Their tables are printed too.
 """
 
 from __future__ import annotations
@@ -16,8 +16,14 @@ THREADS = 2
 
 def main() -> int:
     """Exit status 1 where model/contact/theory_error.py claims less than this run found."""
-    sys.stdout.write(f"{voltage.write(DOCS)}\n")
+    show(voltage.write(DOCS))
     return 0 if sys.argv[1:] == ["voltage"] else _contacts()
+
+
+def show(page: Path) -> None:
+    """Print the headings and tables of a page."""
+    kept = (line for line in page.read_text().splitlines() if line.startswith(("#", "|")))
+    sys.stdout.write("\n".join((f"{page.name}", *kept, "")))
 
 
 def _contacts() -> int:
@@ -35,7 +41,8 @@ def _contacts() -> int:
     rows, shares = study.run(tell)
     study.write_rows(rows, DOCS / "validation.csv")
     report.write(rows, shares, DOCS)
-    sys.stdout.write(f"{DOCS / 'validation.md'}: {len(rows)} contacts compared\n")
+    show(DOCS / "validation.md")
+    sys.stdout.write(f"{len(rows)} contacts compared\n")
     for line in report.disagreements(rows):
         sys.stdout.write(f"model/contact/theory_error.py claims less than this run found: {line}\n")
     return 1 if report.disagreements(rows) else 0

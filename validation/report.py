@@ -86,6 +86,13 @@ The area falls as the grid is refined, because a point touches as a whole or not
 
 Three things are not tested. A fingerpad's spectrum is far wider (q1/q0 = 1e7 in Table I) than any solver resolves. Skin is
 neither linear nor an elastic half-space. Adhesion is left out. For a finger the figures above are a judged error.
+
+## Against fingers
+
+[How force grows with voltage](voltage-law.md) confronts the models with what others report of fingers, untuned. The same
+command rewrites it.
+
+![Force over voltage](pictures/voltage-law.png)
 """
 
 

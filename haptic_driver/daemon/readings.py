@@ -27,6 +27,7 @@ from hw.force.sensor import ForceReading
 # A driver that takes its sensor's clock to ours is off by its own delays, some ms at most. Output
 # ends 100 ms after the last reading: 5 ms more of it are none that a finger feels.
 SLACK_S = 0.005
+LEAST_TOUCH_M2 = 1e-6  # less is no finger that presses
 
 STAMPS = "its driver has to stamp readings with the time of CLOCK_MONOTONIC (time.monotonic)"
 
@@ -68,6 +69,7 @@ class Readings:
         with self._of("finger_tracker"):
             self._finger_s = _believed_time_s(self._tracker, finger.time_s, self._finger_s, now_s)
             _refuse(self._not_on_screen(finger))
+            _refuse(self._no_area(finger))
         with self._of("force_sensor"):
             self._force_s = _believed_time_s(self._sensor, force.time_s, self._force_s, now_s)
             _refuse(self._not_measured(force))
@@ -82,6 +84,8 @@ class Readings:
             force.saturated,
             contacts=math.nan if finger.contacts is None else finger.contacts,
             palm=finger.palm,
+            contact_area_m2=finger.contact_area_m2 if finger.touching else math.nan,
+            contact_area_std_m2=finger.contact_area_std_m2 if finger.touching else math.nan,
         )
 
     @contextmanager
@@ -105,6 +109,17 @@ class Readings:
                     f"on a screen of {screen.width_m:g} m by {screen.height_m:g} m"
                 ),
                 "correct its calibration, or screen.width_m and screen.height_m in the rig's file",
+            )
+
+    def _no_area(self, finger: FingerReading) -> Iterator[tuple[str, str]]:
+        """What is wrong with a touch's area; NaN is one that is not told."""
+        area_m2, std_m2 = finger.contact_area_m2, finger.contact_area_std_m2
+        told = finger.touching and not math.isnan(area_m2)
+        if told and not (LEAST_TOUCH_M2 <= area_m2 <= PALM_M2 and 0.0 < std_m2 < math.inf):
+            yield (
+                f"{self._tracker} tells a contact area of {1e6 * area_m2:.4g} mm², standard"
+                f" deviation {1e6 * std_m2:.4g} mm²",
+                "correct how it is told, in the rig's file or in the tracker's driver",
             )
 
     def _not_measured(self, force: ForceReading) -> Iterator[tuple[str, str]]:

@@ -451,6 +451,7 @@ def _finger_sample(sensed: Sensed, now_s: float) -> FingerSample:
         sensed.normal_force_n if sensed.touching else 0.0,
         math.nan if sensed.saturated else sensed.lateral_force_n,
         now_s,
+        sensed.contact_area_m2,
     )
 
 

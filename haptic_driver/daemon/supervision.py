@@ -442,4 +442,5 @@ def carried(shared: SharedState) -> Carried | None:
     if not newest.size or not newest["in_contact"][0] or not newest["output_on"][0]:
         return None
     slides = bool(newest["speed_m_s"][0] >= SLIDING_M_S)
-    return Carried(float(newest["frequency_hz"][0]), slides)
+    area_m2 = float(newest["contact_area_m2"][0])
+    return Carried(float(newest["frequency_hz"][0]), slides, area_m2)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from math import inf
+from math import inf, nan
 from typing import NamedTuple
 
 from haptic_driver.errors import HapticError, message_of
@@ -29,10 +29,13 @@ ReadElectrode = Callable[[float], ElectrodeReading | None]
 
 
 class Carried(NamedTuple):
-    """The carrier of the moment, and whether the finger slides."""
+    """The carrier of the moment, whether the finger slides, and its contact area, NaN where the
+    screen does not tell it.
+    """
 
     frequency_hz: float
     slides: bool
+    contact_area_m2: float = nan
 
 
 class Seen(NamedTuple):
@@ -73,7 +76,7 @@ class TouchEstimate:
         if carrier is None or reading is None or not carrier.slides:
             return None
         elapsed_s, self._felt_s = now_s - self._felt_s, now_s
-        return touch.felt(carrier.frequency_hz, reading, elapsed_s)
+        return touch.felt(carrier.frequency_hz, reading, elapsed_s, carrier.contact_area_m2)
 
 
 class ElectrodeWatch:

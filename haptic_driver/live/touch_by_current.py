@@ -11,6 +11,7 @@ no trace in the current: it stays the model's.
 
 from __future__ import annotations
 
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
@@ -64,13 +65,19 @@ class TouchByCurrent:
     def __init__(self, description: ModelDescription, load_n: float, stray_f: float = 0.0) -> None:
         self._own, self._load_n = description.with_values(stray_capacitance_f=stray_f), load_n
         self._off, self._covariance = np.zeros(SPREAD.size), np.diag(SPREAD**2)
+        self._area_m2 = nan
 
     def felt(
-        self, frequency_hz: float, reading: ElectrodeReading, elapsed_s: float
+        self,
+        frequency_hz: float,
+        reading: ElectrodeReading,
+        elapsed_s: float,
+        contact_area_m2: float = nan,
     ) -> CurrentTouch:
         """What is known with one more reading, so long after the last; next to no voltage teaches
-        nothing.
+        nothing. An area that is NaN is the model's.
         """
+        self._area_m2 = contact_area_m2
         kept = np.exp(-elapsed_s / LASTS_S)
         self._off *= kept
         self._covariance = self._covariance * np.outer(kept, kept) + np.diag(
@@ -113,8 +120,8 @@ class TouchByCurrent:
         wet = {SkinHydration.name: {"wetness": wetness + (known.value if known else 0.0)}}
         finger = with_hidden(TouchModel(own.with_values(roughness_rms_m=roughness_m)), wet)
         v = np.array([voltage_v, QUIET_V])
-        f, n = (np.full(v.size, each) for each in (frequency_hz, load_n))
-        found = finger.predict(Conditions(f, v, n))
+        f, n, area_m2 = (np.full(v.size, each) for each in (frequency_hz, load_n, self._area_m2))
+        found = finger.predict(Conditions(f, v, n, contact_area_m2=area_m2))
         admittance = found.electrode_current_a[0] / found.electrode_voltage_v[0]
         cof, off_cof = found.cof.tolist()
         return _Expected(load_n, cof, off_cof, complex(admittance))

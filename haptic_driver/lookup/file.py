@@ -35,8 +35,10 @@ from haptic_driver.lookup.worst_case import worst_case
 from haptic_driver.render.correction import Correction
 from haptic_driver.render.surface import Surface
 from haptic_driver.signals import Array, Mask
+from model.conditions import Conditions
 from model.description import ModelDescription
 from model.support.interpolation import linear_weights, polynomial_weights
+from model.touch_model import TouchModel
 
 FORMAT = "haptic-driver surface"
 FORMAT_VERSION = 3.0  # those before know the worst case of one touch alone, or of none
@@ -47,6 +49,8 @@ SAME = 1e-6  # between two machines
 ROUNDING = 1e-9
 FORCE_REFINEMENT = 4  # cells of the look-up per cell of the file along normal force
 FORCE_LEVELS = 5  # nearest, that a polynomial between them goes through
+# where a model is asked whether its friction depends on pressure alone, and how nearly
+SEEN_HZ, SEEN_V, SEEN_N, SAME_COF = (60.0, 1e4), (0.0, 60.0), 0.5, 5e-3
 
 
 class CofInterval(NamedTuple):
@@ -314,7 +318,38 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
         stuck_current_a_per_v=worst.stuck_current_a_per_v,
         electrode_gain=worst.electrode_gain,
         voltage_limit_v=np.ascontiguousarray(limit_v),
+        log_pressure=np.empty(0),
     )
+
+
+def with_areas(surface: Surface, model: TouchModel) -> Surface:
+    """The surface of `model`, ready for touches whose area is known.
+
+    It is the surface itself where the model's friction depends on more than pressure, or where
+    pressure does not rise with load.
+    """
+    loads_n = np.exp(surface.log_normal_force)
+    areas_m2 = np.array([model.contact_area_m2(float(load_n)) for load_n in loads_n])
+    log_pressure = np.log(loads_n / areas_m2)
+    known = by_pressure(model) and bool((np.diff(log_pressure) > 0.0).all())
+    return surface._replace(log_pressure=log_pressure) if known else surface
+
+
+def by_pressure(model: TouchModel) -> bool:
+    """Whether half of a touch under half of its load has the friction of the whole, by the model.
+
+    Where currents meet a resistance outside the touch, or friction knows the load, it has not.
+    """
+    frequency_hz, voltage_v = (x.ravel() for x in np.meshgrid(SEEN_HZ, SEEN_V))
+    whole_n = np.full(voltage_v.size, SEEN_N)
+    area_m2 = np.full(voltage_v.size, model.contact_area_m2(SEEN_N))
+    whole, half = (
+        model.cof(
+            Conditions(frequency_hz, voltage_v, share * whole_n, contact_area_m2=share * area_m2)
+        )
+        for share in (1.0, 0.5)
+    )
+    return bool(np.allclose(half, whole, rtol=SAME_COF, atol=0.0))
 
 
 def _cof_under(file: SurfaceFile, force: Array) -> Array:

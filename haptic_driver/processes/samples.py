@@ -74,6 +74,8 @@ SAMPLE = np.dtype(
         ("current_phase_rad", "f8"),
         ("monitor_voltage_v", "f8"),  # by the amplifier's own monitors, as last looked at
         ("monitor_current_a", "f8"),
+        ("contact_area_m2", "f8"),  # apparent, as the touch screen tells it; NaN where it does not
+        ("contact_area_std_m2", "f8"),  # 1 sigma
         (
             "output_on",
             "u1",
@@ -93,6 +95,8 @@ ADDED = (  # since recordings were first written; NaN of those that have them no
     "current_phase_rad",
     "monitor_voltage_v",
     "monitor_current_a",
+    "contact_area_m2",
+    "contact_area_std_m2",
 )
 
 COURSE = np.dtype([("order", "u8"), ("powers_v2", "f8", (COURSE_POINTS,))])

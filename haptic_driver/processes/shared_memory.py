@@ -50,7 +50,7 @@ class Sensed(NamedTuple):
 
     Without a force sensor the lateral force is what friction is estimated to be, NaN where that
     tells nothing of the finger. NaN is what nobody has read, as `contacts` of a screen that tells
-    one touch alone; `palm` is among them.
+    one touch alone; `palm` is among them. `contact_area_m2` is of the finger alone.
     """
 
     finger_time_s: float
@@ -72,6 +72,8 @@ class Sensed(NamedTuple):
     current_phase_rad: float = nan
     monitor_voltage_v: float = nan
     monitor_current_a: float = nan
+    contact_area_m2: float = nan
+    contact_area_std_m2: float = nan
 
 
 class Order(NamedTuple):

@@ -29,6 +29,7 @@ from haptic_driver.render.surface import (
     Inverse,
     Place,
     Surface,
+    as_solved,
     at_voltage,
     between,
     cof_at,
@@ -269,10 +270,11 @@ def decided(
         idle_hz = usual_hz(control) if np.isnan(state.frequency_hz) else state.frequency_hz
         idle = OperatingPoint(idle_hz, 0.0, np.nan, 0.0, 0.0, True, np.nan, np.nan)
         return ControllerState(state.frequency_hz, known, commands), idle
-    frequency_hz, inverse, factors = chosen(control, known, target.cof, finger, state.frequency_hz)
+    solved = as_solved(control.surface, finger)
+    frequency_hz, inverse, factors = chosen(control, known, target.cof, solved, state.frequency_hz)
     if control.learns and frequency_hz != state.frequency_hz and not np.isnan(state.frequency_hz):
         known = feedback.elsewhere(control.law, known, state.frequency_hz, frequency_hz)
-        frequency_hz, inverse, factors = chosen(control, known, target.cof, finger, frequency_hz)
+        frequency_hz, inverse, factors = chosen(control, known, target.cof, solved, frequency_hz)
     point = as_felt(frequency_hz, inverse, factors, known.gains, target.cof)
     return ControllerState(frequency_hz, known, commands), point
 
@@ -323,6 +325,8 @@ def carried(
         True,
         np.nan,
         contact_s,
+        np.nan,
+        np.nan,
     )
     (off_n, rise_n), _ = feedback.by_surface(new.surface, new.correction, drive, finger)
     (old_off_n, old_rise_n), _ = feedback.by_surface(old.surface, old.correction, drive, finger)
@@ -508,8 +512,9 @@ def along(
     The correction's factors are those of the highest target's drive. A target out of reach gives
     the nearest reachable friction.
     """
-    control, gains, finger = held[0], Gains(*gained), FingerState(*felt)
+    control, gains = held[0], Gains(*gained)
     surface, caps, factors = control.surface, control.caps, Factors(1.0, 1.0)
+    finger = as_solved(surface, FingerState(*felt))
     place = place_of(surface, frequency_hz, finger.normal_force_n)
     most = invert_at(surface, np.inf, place, caps)
     low, high, largest = most.cof_low, most.cof_high, 0.0

@@ -46,7 +46,7 @@ import numpy as np
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.compiled import kernel
 from haptic_driver.render.correction import Correction, factors_at
-from haptic_driver.render.surface import Surface, at_node, at_voltage, between, place_of
+from haptic_driver.render.surface import Surface, as_solved, at_node, at_voltage, between, place_of
 from haptic_driver.signals import Array, DriveCommand, FingerState
 
 COMMANDS_KEPT = 128
@@ -384,8 +384,9 @@ def by_surface(
     """What the surface alone gives for a command, and how much the voltages around it change of
     that.
     """
-    factors = factors_at(correction, then.frequency_hz, then.voltage_v, finger)
-    place = place_of(surface, then.frequency_hz, finger.normal_force_n)
+    solved = as_solved(surface, finger)
+    factors = factors_at(correction, then.frequency_hz, then.voltage_v, solved)
+    place = place_of(surface, then.frequency_hz, solved.normal_force_n)
     low = at_node(surface.cof, place, 0)
     off_n, per_rise_n = (
         finger.normal_force_n * factors.off * low,

@@ -121,7 +121,7 @@ def track(
     position NaN and force zero. The next good one starts a new touch. A repeated time leaves the
     estimate as it was: the stage cannot see that a tracker stands still.
     """
-    time_s, x_m, y_m, force_n, lateral_n, now_s = sample
+    time_s, x_m, y_m, force_n, lateral_n, now_s, area_m2 = sample
     if not math.isfinite(now_s):
         now_s = time_s
     if not math.isfinite(time_s + x_m + y_m + force_n):  # each of them, then
@@ -142,7 +142,18 @@ def track(
         return _lost(time_s, now_s)
     vx_m_s, vy_m_s = state.velocity_x_m_s, state.velocity_y_m_s
     contact_s = max(now_s - state.touched_s, 0.0)
-    return state, FingerState(now_s, x_m, y_m, vx_m_s, vy_m_s, force_n, True, lateral_n, contact_s)
+    return state, FingerState(
+        now_s,
+        x_m,
+        y_m,
+        vx_m_s,
+        vy_m_s,
+        force_n,
+        True,
+        lateral_n,
+        contact_s,
+        contact_area_m2=area_m2,
+    )
 
 
 def _first(settings: FingerSettings, sample: FingerSample, touched_s: float) -> FingerTracking:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_driver.render.compiled import kernel
-from haptic_driver.signals import Array
+from haptic_driver.signals import Array, FingerState
 
 ON_NODE = 1e-9  # of a cell: so near to a node is the node
 
@@ -22,6 +22,8 @@ class Surface(NamedTuple):
     Nodes of log frequency [f], log normal force [n] and voltage [v]. `cof` and `current_rms_a` are
     [f, n, v]. `stuck_current_a_per_v` and `electrode_gain` [f, v - 1] are as in `limits.WorstCase`.
     `voltage_limit_v` [f, n] is the largest voltage that every limit and mask allows there.
+    `log_pressure` [n] is the log of load over contact area, rising; empty where friction depends on
+    more than their ratio.
     """
 
     log_frequency: Array
@@ -32,6 +34,7 @@ class Surface(NamedTuple):
     stuck_current_a_per_v: Array
     electrode_gain: Array
     voltage_limit_v: Array
+    log_pressure: Array
 
 
 class Place(NamedTuple):
@@ -177,6 +180,37 @@ def crossing_v(
     start, end = at_node(values, place, below), at_node(values, place, above)
     share = (wanted - start) / (end - start)
     return min(between(surface.voltage_v[below], surface.voltage_v[above], share), most_v)
+
+
+@kernel
+def as_solved(surface: Surface, finger: FingerState) -> FingerState:
+    """The finger with the load under which the surface's own has the same pressure.
+
+    Friction over load depends on that alone. It is the finger itself where its area is unknown, or
+    where the pressure lies beyond the surface.
+    """
+    nodes = surface.log_pressure
+    if not (finger.contact_area_m2 > 0.0 and finger.normal_force_n > 0.0) or nodes.size == 0:
+        return finger
+    log_pressure = np.log(finger.normal_force_n / finger.contact_area_m2)
+    if not nodes[0] <= log_pressure <= nodes[-1]:
+        return finger
+    k = min(int(np.searchsorted(nodes, log_pressure, side="right")), nodes.size - 1) - 1
+    share = (log_pressure - nodes[k]) / (nodes[k + 1] - nodes[k])
+    loads = surface.log_normal_force
+    return FingerState(
+        finger.time_s,
+        finger.position_x_m,
+        finger.position_y_m,
+        finger.velocity_x_m_s,
+        finger.velocity_y_m_s,
+        np.exp(between(loads[k], loads[k + 1], share)),
+        finger.in_contact,
+        finger.lateral_force_n,
+        finger.contact_s,
+        finger.met_m_s,
+        finger.contact_area_m2,
+    )
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from haptic_driver.lookup.file import SurfaceFile, ready_for_lookup
+from haptic_driver.lookup.file import SurfaceFile, ready_for_lookup, with_areas
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.feedback import FeedbackSettings
@@ -12,6 +12,8 @@ from haptic_driver.render.texture import Target
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.finger_trackers import reports_of
+from model.description import ModelDescription
+from model.touch_model import TouchModel
 
 
 def tick_settings(
@@ -33,8 +35,9 @@ def tick_settings(
     """
     limits = config.operating_limits()
     file = file if signed is None else file.protected_by(signed)
+    model = TouchModel(ModelDescription.of(file.provenance["model"]))
     controller = ControllerSettings(
-        ready_for_lookup(file, limits),
+        with_areas(ready_for_lookup(file, limits), model),
         limits,
         **config.controller.model_dump(),
         correction=file.correction,

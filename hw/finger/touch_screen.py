@@ -32,21 +32,24 @@ _PEN_KEYS = (0x140, 0x141, 0x142, 0x143, 0x144)  # BTN_TOOL_PEN to BTN_TOOL_AIRB
 _X, _Y, _PRESSURE, _DISTANCE = 0x00, 0x01, 0x18, 0x19
 _SLOT, _SLOT_X, _SLOT_Y, _SLOT_CONTACT = 0x2F, 0x35, 0x36, 0x39
 _SLOT_TOOL, _SLOT_DISTANCE = 0x37, 0x3B
-_SLOT_MAJOR, _SLOT_PRESSURE = 0x30, 0x3A
+_SLOT_MAJOR, _SLOT_MINOR, _SLOT_PRESSURE = 0x30, 0x31, 0x3A
 _SLOT_AXES = {_SLOT_CONTACT, _SLOT_X, _SLOT_Y, _SLOT_TOOL, _SLOT_DISTANCE, _SLOT_MAJOR}
-_SLOT_AXES |= {_SLOT_PRESSURE}
+_SLOT_AXES |= {_SLOT_MINOR, _SLOT_PRESSURE}
 _FINGER, _PEN, _PALM = 0, 1, 2  # MT_TOOL_FINGER, MT_TOOL_PEN, MT_TOOL_PALM
 _SET_CLOCK = 0x400445A0  # EVIOCSCLOCKID, _IOW('E', 0xa0, int)
 _SLOT_VALUES = 0x8000450A  # EVIOCGMTSLOTS(0), to which the size of the answer is added at bit 16
 
 
 class RawTouch(NamedTuple):
-    """One report of a touch screen, in its counts."""
+    """One report of a touch screen, in its counts. `axes_raw2` is the product of the contact's
+    longer and shorter axis, 0 where it is not told.
+    """
 
     time_s: float
     x_raw: int
     y_raw: int
     touching: bool
+    axes_raw2: int = 0
 
 
 @dataclass(frozen=True)
@@ -82,14 +85,15 @@ class TouchCalibration:
 class Standing(NamedTuple):
     """What holds of each slot besides its place, from slot 0 on; the kernel repeats none of it.
 
-    `distance_raw` from the screen, 0 for a touch; `tool` as MT_TOOL_*. Pressure and the longer axis
-    of contact are 0 for what does not touch.
+    `distance_raw` from the screen, 0 for a touch; `tool` as MT_TOOL_*. Pressure and the axes of
+    contact, the longer and the shorter one, are 0 for what does not touch.
     """
 
     distance_raw: Sequence[int] = ()
     tool: Sequence[int] = ()
     pressure_raw: Sequence[int] = ()
     major_raw: Sequence[int] = ()
+    minor_raw: Sequence[int] = ()
 
 
 @dataclass
@@ -105,6 +109,8 @@ class _Contact:
     tool: int = _FINGER
     lifted_by_key: bool = False  # its slot has not said so
     is_told: bool = False  # in this report
+    major_raw: int = 0
+    minor_raw: int | None = None  # None: as long as the longer one
     weightless: set[int] = field(default_factory=set)
     telling: Set[int] = frozenset()
 
@@ -124,7 +130,9 @@ class _Contact:
     def report(self, time_s: float) -> RawTouch | None:
         if self.x_raw is None or self.y_raw is None:
             return None
-        return RawTouch(time_s, self.x_raw, self.y_raw, self.touching)
+        minor_raw = self.major_raw if self.minor_raw is None else self.minor_raw
+        axes_raw2 = max(self.major_raw, 0) * max(minor_raw, 0)
+        return RawTouch(time_s, self.x_raw, self.y_raw, self.touching, axes_raw2)
 
 
 class TouchEvents:
@@ -216,11 +224,15 @@ class TouchEvents:
             finger.tool = value
         elif code == _SLOT_DISTANCE:
             finger.distance_raw = value
+        elif code == _SLOT_MINOR:
+            finger.minor_raw = value
         else:
             self._weigh(finger, code, value)
 
     def _weigh(self, finger: _Contact, code: int, value: int) -> None:
         """Take a pressure or an area. An axis that was never above 0 tells nothing."""
+        if code == _SLOT_MAJOR:
+            finger.major_raw = value
         if value > 0:
             self._telling.add(code)
             finger.weightless.discard(code)
@@ -230,11 +242,12 @@ class TouchEvents:
     def _contact(self, *, down: bool) -> _Contact:
         """The finger that the events are of; `down` where it is not known yet."""
         if self._slot not in self._fingers:
-            distance_raw, tool, pressure_raw, major_raw = (
+            distance_raw, tool, pressure_raw, major_raw, minor_raw = (
                 values[self._slot] if 0 <= self._slot < len(values) else None
                 for values in self._standing
             )
             finger = _Contact(down, distance_raw=distance_raw or 0, tool=tool or _FINGER)
+            finger.minor_raw = minor_raw
             finger.telling = self._telling
             pressure = _PRESSURE if self._current_slot is None else _SLOT_PRESSURE
             for code, value in ((pressure, pressure_raw), (_SLOT_MAJOR, major_raw)):
@@ -359,6 +372,21 @@ class TouchReports:
                 return
 
 
+class AreaCalibration(NamedTuple):
+    """The contact area is `m2_per_raw2` times the product of the axes of contact, in counts.
+
+    `log_std` is the standard deviation of its logarithm.
+    """
+
+    m2_per_raw2: float
+    log_std: float
+
+    def area_m2(self, touch: RawTouch) -> tuple[float, float]:
+        """With its standard deviation; NaN where the touch does not tell it."""
+        area_m2 = self.m2_per_raw2 * touch.axes_raw2 if touch.axes_raw2 > 0 else math.nan
+        return area_m2, self.log_std * area_m2
+
+
 class TouchScreen:
     """A touch screen as a finger tracker: its reports in metres.
 
@@ -370,10 +398,12 @@ class TouchScreen:
         self,
         reports: TouchReports,
         calibration: TouchCalibration,
+        area: AreaCalibration | None = None,
         *,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.calibration = calibration
+        self._area = area
         self._reports = reports
         self._clock = clock
         self._told_s = -math.inf
@@ -389,7 +419,8 @@ class TouchScreen:
         place_m = (math.nan, math.nan)
         if touch.time_s > -math.inf:
             place_m = self.calibration.apply(touch.x_raw, touch.y_raw)
-        return FingerReading(self._told_s, *place_m, touch.touching, *self._reports.contacts)
+        area = (math.nan, math.nan) if self._area is None else self._area.area_m2(touch)
+        return FingerReading(self._told_s, *place_m, touch.touching, *self._reports.contacts, *area)
 
     def close(self) -> None:
         """Hang up; does nothing when already closed."""
@@ -401,15 +432,18 @@ class EvdevTouchScreen:
     `close`.
     """
 
-    def __init__(self, path: str, calibration: TouchCalibration) -> None:
+    def __init__(
+        self, path: str, calibration: TouchCalibration, area: AreaCalibration | None = None
+    ) -> None:
         self.calibration = calibration
+        self._area = area
         self._path = path
         self._screen: TouchScreen | None = None
 
     def open(self) -> None:
         """Open the event device; raises as `open_touch_reports`."""
         if self._screen is None:
-            self._screen = TouchScreen(open_touch_reports(self._path), self.calibration)
+            self._screen = TouchScreen(open_touch_reports(self._path), self.calibration, self._area)
 
     def read(self) -> FingerReading:
         """Return the newest reading, as `TouchScreen.read`. Raises DeviceDisconnected when not
@@ -510,7 +544,7 @@ def _standing(device: Any, has_slots: bool) -> Standing:
     can = device.capabilities(absinfo=False)
     axes = set(can.get(_ABSOLUTE, []))
     if has_slots:
-        asked = _SLOT_DISTANCE, _SLOT_TOOL, _SLOT_PRESSURE, _SLOT_MAJOR
+        asked = _SLOT_DISTANCE, _SLOT_TOOL, _SLOT_PRESSURE, _SLOT_MAJOR, _SLOT_MINOR
         return Standing(*(_slot_values(device, c) if c in axes else () for c in asked))
     distance_raw = int(device.absinfo(_DISTANCE).value) if _DISTANCE in axes else 0
     pressure_raw = [int(device.absinfo(_PRESSURE).value)] if _PRESSURE in axes else []

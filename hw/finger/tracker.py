@@ -28,6 +28,7 @@ class FingerReading(NamedTuple):
 
     Before the first touch the position is NaN; after a lift it is the last one. `contacts` counts
     all fingers and palms on the screen, None where it tells one alone; `palm` is among them.
+    `contact_area_m2` is that of this finger, with its standard deviation; NaN where it is not told.
     """
 
     time_s: float
@@ -36,6 +37,8 @@ class FingerReading(NamedTuple):
     touching: bool
     contacts: int | None = None
     palm: bool = False
+    contact_area_m2: float = math.nan
+    contact_area_std_m2: float = math.nan
 
 
 class FingerTracker(Protocol):

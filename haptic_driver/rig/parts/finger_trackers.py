@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field
 
-from haptic_driver.config import Within
+from haptic_driver.config import Section, Within
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import Metres, NoPart, Part, PartSection, ServedSection, Wiring
@@ -88,10 +88,24 @@ class StageFingerConfig(PartSection):
         return Part(finger, [finger.start], [finger.close])
 
 
+class TouchAreaConfig(Section):
+    """How a touch screen's axes of contact tell its area, by touches that a camera saw."""
+
+    m2_per_raw2: Annotated[float, Within(1e-15, 1e-2, "no screen counts finer or coarser")] = Field(
+        description="contact area over ABS_MT_TOUCH_MAJOR times ABS_MT_TOUCH_MINOR, median over"
+        " the touches"
+    )
+    log_std: Annotated[float, Within(0.01, 2.0, "it is a spread of logarithms")] = Field(
+        description="standard deviation of that quotient's logarithm over them"
+    )
+    measured_at: datetime.date = Field(description="when they were seen")
+
+
 class EvdevFingerConfig(PartSection):
     """A touch screen by its event device; `matrix_m` takes (x_raw, y_raw, 1) to metres.
 
     `report_rate_hz` is how often it reports, for the latency by which positions are extrapolated.
+    Where it tells how large a contact is, `area` has friction looked up for that.
     """
 
     served_as = "finger_tracker"
@@ -117,6 +131,9 @@ class EvdevFingerConfig(PartSection):
     ] = Field(description="(x_raw, y_raw, 1) -> metres")
     measured_at: datetime.date = Field(description="when `matrix_m` was measured")
     placeholder: bool = Field(description="false once it was measured: haptic calibrate-touch")
+    area: TouchAreaConfig | None = Field(
+        default=None, description="of a contact, where the screen tells how large that is"
+    )
 
     def calibration(self) -> str:
         """When, and whether it was."""
@@ -187,9 +204,11 @@ class EvdevFingerConfig(PartSection):
 
     def make(self, wiring: Wiring) -> Part[FingerTracker]:
         """Reads its event device."""
-        from hw.finger.touch_screen import EvdevTouchScreen
+        from hw.finger.touch_screen import AreaCalibration, EvdevTouchScreen
 
-        screen = EvdevTouchScreen(self.device, self.touch_calibration())
+        told = self.area
+        area = None if told is None else AreaCalibration(told.m2_per_raw2, told.log_std)
+        screen = EvdevTouchScreen(self.device, self.touch_calibration(), area)
         return Part(screen, [screen.open], [screen.close])
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.readings import SLACK_S, Readings, not_covered
+from haptic_driver.daemon.render_process import _finger_sample
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import SteppedDaemon
 from haptic_driver.limits import OperatingLimits
@@ -68,6 +69,22 @@ def test_how_many_touch_is_passed_on():
     assert math.isnan(bench.says().contacts)
     sensed = bench.says(FINGER._replace(contacts=3, palm=True))
     assert (sensed.contacts, sensed.palm) == (3.0, True)
+
+
+@pytest.mark.parametrize("told", [(0.0, 1e-6), (0.02, 1e-3), (1e-4, 0.0), (1e-4, math.nan)])
+def test_an_area_that_no_touch_has_or_without_its_error_is_not_believed(told):
+    area_m2, std_m2 = told
+    finger = FINGER._replace(contact_area_m2=area_m2, contact_area_std_m2=std_m2)
+    assert "tells a contact area of" in Bench().fault(finger=finger)
+
+
+def test_an_area_goes_on_with_its_error_and_ends_with_the_touch():
+    finger = FINGER._replace(contact_area_m2=1.2e-4, contact_area_std_m2=2e-5)
+    sensed = Bench().says(finger)
+    assert (sensed.contact_area_m2, sensed.contact_area_std_m2) == (1.2e-4, 2e-5)
+    assert _finger_sample(sensed, NOW_S).contact_area_m2 == 1.2e-4
+    lifted = Bench().says(finger._replace(touching=False))
+    assert math.isnan(lifted.contact_area_m2)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,80 @@
+"""A touch whose area the screen tells: friction is looked up for that, as the model has it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from haptic_driver.lookup.file import by_pressure, with_areas
+from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
+from haptic_driver.render.surface import as_solved
+from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
+from haptic_driver.simulation.finger_model import with_hidden
+from model.conditions import Conditions
+
+HZ, LOAD_N = 200.0, 0.5
+FINGER = FingerState(0.0, 0.05, 0.03, 0.05, 0.0, LOAD_N, True)
+USUAL_M2 = 100e-6  # of the surface's finger
+WITHIN = 5e-3  # the surface's own error, and a little
+
+
+@pytest.fixture(scope="module")
+def surface(surface, touch):
+    return with_areas(surface, touch)
+
+
+def voltage_for(surface, limits, finger, target_cof):
+    settings = ControllerSettings(
+        surface, limits, policy="fixed_frequency", fixed_frequency_hz=HZ, lowest_carrier_hz=1.0
+    )
+    controller = Controller(settings)
+    _, point = controller.step(INITIAL, TargetFriction(target_cof, True), finger, NO_COMMAND)
+    return point.voltage_v
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8, 1.25, 2.0])
+def test_friction_is_that_of_a_finger_with_the_area_told(surface, limits, touch, share):
+    """The model is asked for such a finger itself; the look-up knows only the usual one."""
+    area_m2 = share * USUAL_M2
+    finger = FINGER._replace(contact_area_m2=area_m2)
+    for target_cof in (0.55, 0.7):
+        voltage_v = voltage_for(surface, limits, finger, target_cof)
+        one = (np.array([x]) for x in (HZ, voltage_v, LOAD_N))
+        felt = touch.cof(Conditions(*one, contact_area_m2=np.array([area_m2])))[0]
+        assert felt == pytest.approx(target_cof, rel=WITHIN)
+
+
+def test_the_area_of_the_surfaces_own_finger_changes_nothing(surface):
+    told = FINGER._replace(contact_area_m2=USUAL_M2)
+    assert as_solved(surface, told).normal_force_n == pytest.approx(LOAD_N, rel=1e-12)
+
+
+@pytest.mark.parametrize("area_m2", [math.nan, 0.0, -1e-4, math.inf, 1e-7, 9e-3])
+def test_an_area_that_is_unknown_or_beyond_the_surface_leaves_the_load(surface, area_m2):
+    """Nothing is extrapolated: at 9000 mm2 the pressure is lower than any of the surface."""
+    told = FINGER._replace(contact_area_m2=area_m2)
+    assert as_solved(surface, told).normal_force_n == LOAD_N
+
+
+@pytest.mark.parametrize(
+    ("effect", "value"),
+    [
+        ({"load_dependent_friction": {"exponent": 0.8}}, False),
+        ({"series_resistance": {"resistance_ohm": 1e6}}, False),
+        ({"contact_area_law": {"exponent": 0.4}}, True),
+        ({}, True),
+    ],
+)
+def test_area_counts_where_friction_depends_on_pressure_alone(touch, effect, value):
+    assert by_pressure(with_hidden(touch, effect)) is value
+
+
+def test_a_touch_that_spreads_under_load_is_looked_up_by_its_pressure(surface):
+    """A = A_ref (N/0.5 N)^0.4 has the pressure p at N = (p A_ref/0.5^0.4)^(1/0.6)."""
+    loads_n = np.exp(surface.log_normal_force)
+    pressures_pa = loads_n / (USUAL_M2 * (loads_n / 0.5) ** 0.4)
+    spreads = surface._replace(log_pressure=np.log(pressures_pa))
+    pressure_pa = LOAD_N / 150e-6
+    expected_n = (pressure_pa * USUAL_M2 / 0.5**0.4) ** (1.0 / 0.6)
+    told = FINGER._replace(contact_area_m2=150e-6)
+    assert as_solved(spreads, told).normal_force_n == pytest.approx(expected_n, rel=1e-6)
