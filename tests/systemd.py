@@ -9,7 +9,7 @@ import signal
 from collections.abc import Iterable
 from pathlib import Path
 
-UNIT = Path(__file__).parents[1] / "deploy" / "systemd" / "haptic@.service"
+UNIT = Path(__file__).parents[1] / "haptic_driver" / "daemon" / "haptic@.service"
 
 
 def settings() -> dict[str, list[str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import logging
 import os
 import sys
@@ -12,12 +13,16 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from haptic_driver.base.interpreter import PYTHON
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stderr, stdout
 from haptic_driver.daemon.address import Address, listen
+from haptic_driver.daemon.private_file import kept_token
 from haptic_driver.errors import BadInputError
+from haptic_driver.files import require_free, write_text
 from haptic_driver.processes.started import start_thread
 
 FLUSH_S = 1.0
+SHIPPED = "/usr/local/bin/haptic"  # in the unit
 
 app = typer.Typer(no_args_is_help=True)
 SocketOption = Annotated[
@@ -70,6 +75,12 @@ def run(
             help="Let pages of this address use the API too, with the token; may be repeated.",
         ),
     ] = [],  # noqa: B006 - typer copies it
+    token_file: Annotated[
+        Path | None,
+        Option(
+            help="Keep the page's token there, so that it stays over restarts; made where missing."
+        ),
+    ] = None,
     slide: Annotated[
         Path | None,
         Option(
@@ -97,6 +108,7 @@ def run(
     from haptic_driver.daemon.web.security import origin_of  # noqa: PLC0415
 
     origins = frozenset(map(origin_of, allow_origin))
+    token = None if token_file is None else kept_token(token_file)
     if port is not None:
         listen(port).close()  # one that is taken is told now, not after seconds
     # A thread says it: a terminal that is stopped keeps nobody from starting.
@@ -117,12 +129,35 @@ def run(
     handler.addFilter(OncePerSecond())
     handler.setFormatter(Printable("%(asctime)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
-    links = Links(lsl, osc, lsl_markers, origins)
+    links = Links(lsl, osc, lsl_markers, origins, token)
     status = run_daemon(rig, place, model, allow_no_rt, port, links, announce, slide)
     handler.flush()
     start_thread("say", sys.stdout.flush).join(FLUSH_S)
     # all is closed; what else Python does at its end may wait for a terminal that is stopped
     os._exit(status)
+
+
+@app.command()
+def unit(
+    out: Annotated[Path, Option(help="The unit to write.")] = Path("haptic@.service"),
+    force: Annotated[bool, Option("--force", help="Replace the file.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Write a unit of systemd that runs the daemon as you, with this installation of haptic.
+
+    The rig's name stands behind the @. More options go to /etc/haptic/RIG.env.
+
+    Example: `haptic daemon unit && sudo cp haptic@.service /etc/systemd/system/`
+    """
+    user = getpass.getuser()
+    if user == "root":
+        said = "root would be the user of the rig"
+        raise BadInputError("as_root", said, "Run this as whoever works with the rig, without sudo")
+    require_free(out, force)
+    text = (Path(__file__).parents[1] / "daemon" / "haptic@.service").read_text()
+    haptic = str(Path(PYTHON[0]).with_name("haptic"))
+    write_text(out, text.replace("User=haptic", f"User={user}").replace(SHIPPED, haptic))
+    report(as_json, {"unit": str(out)}, lambda: stdout.print(f"{out} runs {haptic} as {user}"))
 
 
 def _show(rig: str, socket: Path, page: str | None) -> None:

@@ -5,9 +5,13 @@ from __future__ import annotations
 import os
 import secrets
 import stat
+import string
 from pathlib import Path
 
-from haptic_driver.errors import HapticError
+from haptic_driver.errors import BadInputError, HapticError
+
+LEAST_TOKEN = 24  # characters: too many to be guessed
+TOKEN_LETTERS = frozenset(string.ascii_letters + string.digits + "-_")
 
 
 def write_private(path: Path, text: str) -> None:
@@ -49,3 +53,25 @@ def private_folder(folder: Path) -> None:
         raise HapticError(
             "folder_not_private", said, f"chmod 700 {folder}, or choose another --socket"
         )
+
+
+def kept_token(path: Path) -> str:
+    """The token in a file of this user alone; one is made where the file is not there.
+
+    Raises BadInputError for a file that others may read or write, and for no token.
+    """
+    if not path.exists():
+        write_private(path, secrets.token_urlsafe(LEAST_TOKEN) + "\n")
+    try:
+        about, token = path.stat(), path.read_text().strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(
+            "bad_token", f"{path}: cannot be read ({error})", "Choose another --token-file"
+        ) from error
+    if hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & 0o077):
+        said = f"{path}: others may read or write this token"
+        raise BadInputError("bad_token", said, f"Remove it, and a new one is made: rm {path}")
+    if len(token) < LEAST_TOKEN or set(token) - TOKEN_LETTERS:
+        said = f"{path}: holds no token of {LEAST_TOKEN} or more letters, digits, - and _"
+        raise BadInputError("bad_token", said, f"Remove it, and a new one is made: rm {path}")
+    return token

@@ -6,7 +6,7 @@ import logging
 import signal
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -31,13 +31,14 @@ _log = logging.getLogger(__name__)
 class Links(NamedTuple):
     """To other programs: samples and events as streams of the Lab Streaming Layer, and the same by
     OSC to HOST:PORT. Markers come from the LSL stream of that name. Pages of `origins` may use the
-    API, with its token.
+    API, with its token, which is a new one where `token` is None.
     """
 
     lsl: bool = False
     osc: str | None = None
     lsl_markers: str | None = None
     origins: frozenset[str] = frozenset()
+    token: str | None = None
 
 
 def run_daemon(
@@ -67,7 +68,8 @@ def run_daemon(
         with compilation_said("daemon"):
             settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt, slide=slide)
             partners = _partners(settings, links, osc)
-            output = _serve_until(ended, settings, place, tcp_port, partners, announce)
+            served = partial(serve, tcp_port=tcp_port, origins=links.origins, token=links.token)
+            output = _serve_until(ended, settings, place, served, partners, announce)
             return 0 if output.on is False else 1
     finally:
         place.close()
@@ -77,7 +79,7 @@ def _serve_until(
     ended: threading.Event,
     settings: DaemonSettings,
     place: Place,
-    tcp_port: int | None,
+    served: Callable[..., AbstractContextManager[str | None]],
     partners: _Partners,
     announce: Callable[[Path, str | None], None],
 ) -> KnownOutput:
@@ -87,9 +89,7 @@ def _serve_until(
     try:
         page_folder = PAGE_FOLDER if PAGE_FOLDER.is_dir() else None
         with ExitStack() as running:
-            page = running.enter_context(
-                serve(daemon, place, tcp_port, page=page_folder, origins=partners.origins)
-            )
+            page = running.enter_context(served(daemon, place, page=page_folder))
             running.enter_context(as_service(lambda: daemon.status().ticks))
             failed = partial(daemon.event_log.tell, "outlet")
             if partners.outlets:
@@ -120,7 +120,6 @@ class _Partners(NamedTuple):
 
     outlets: Sequence[Outlet]
     inlet: LslMarkers | None
-    origins: frozenset[str]
 
 
 def _partners(settings: DaemonSettings, links: Links, osc: Sequence[OscOutlet]) -> _Partners:
@@ -129,4 +128,4 @@ def _partners(settings: DaemonSettings, links: Links, osc: Sequence[OscOutlet]) 
     """
     lsl = [LslOutlet(1.0 / settings.render.period_s, settings.config.name)] if links.lsl else []
     inlet = None if links.lsl_markers is None else LslMarkers(links.lsl_markers)
-    return _Partners([*lsl, *osc], inlet, links.origins)
+    return _Partners([*lsl, *osc], inlet)

@@ -84,7 +84,7 @@ def twin_of(config: RigConfig) -> tuple[RigConfig, list[str]]:
         changed["amplifier"] = config.amplifier.model_copy(update=dict.fromkeys(LINES))
     if config.watchdog is not None and config.watchdog.interlock and "interlock" in gone:
         changed["watchdog"] = config.watchdog.model_copy(update={"interlock": None})
-    named = {"name": f"{config.name} (simulated)", "twin": True, **changed}
+    named = {"name": config.name, "twin": True, **changed}
     return config.model_copy(update=named), list(left_out.values())
 
 

@@ -20,7 +20,7 @@ from haptic_driver.daemon.address import LOOPBACK, listen
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import LEASE_HEADER
 from haptic_driver.daemon.place import Place
-from haptic_driver.daemon.private_file import write_private
+from haptic_driver.daemon.private_file import LEAST_TOKEN, write_private
 from haptic_driver.daemon.web.api import PAGE, create_app
 from haptic_driver.daemon.web.door import Door, Handed
 from haptic_driver.daemon.web.off import OffThreads
@@ -65,20 +65,23 @@ def serve(
     tcp_port: int | None = None,
     page: Path | None = None,
     origins: frozenset[str] = frozenset(),
+    token: str | None = None,
 ) -> Iterator[str | None]:
     """Serve in threads inside the `with` block; gives the page's address with its token, None
     without TCP.
 
     At `place` whoever may open the socket may use the API. With `tcp_port` (0: any that is free) it
-    is on loopback too, for those who know the token, and for pages of `origins` that do. The token
-    is also in a file of mode 0600 beside the socket. Raises HapticError when a port cannot be had.
+    is on loopback too, for those who know the token, and for pages of `origins` that do. The token,
+    a new one by default, is also in a file of mode 0600 beside the socket. Raises HapticError when
+    a port cannot be had.
     """
     listener = None if tcp_port is None else listen(tcp_port)
     off = OffThreads(daemon)
     app = AtMost(create_app(daemon, page, off), MOST_AT_ONCE)
     served, url, token_file = [_served(place.listener, app, off)], None, None
     if listener is not None:
-        token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
+        token = secrets.token_urlsafe(LEAST_TOKEN) if token is None else token
+        port = listener.getsockname()[1]
         token_file = place.path.with_name(place.path.name + ".token")
         hosts = frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"})
         app = AtMost(create_app(daemon, page, off), MOST_AT_ONCE)

@@ -17,7 +17,7 @@ SCRIPT = Path(sys.executable).with_name("haptic")
 GROUPS = {
     "surface": "build info plot",
     "texture": "list preview check play",
-    "daemon": "run",
+    "daemon": "run unit",
     "load": "hold tune",
     "experiment": "run simulate analyse check",
     "challenge": "make answer score",

@@ -55,7 +55,7 @@ def test_the_template_holds_every_key_but_those_of_other_variants():
         assert set(said.get(name, {})) <= set(type(section).model_fields)
 
 
-@pytest.mark.parametrize("name", ["paper", "template"])
+@pytest.mark.parametrize("name", ["paper", "template", "small-computer"])
 def test_shipped_rigs_of_hardware_stay_off_until_somebody_measured(name):
     assert "limits.measured_by and measured_at" in load_rig(name).unverified
     assert "amplifier.measured_by and measured_at" in load_rig(name).unverified

@@ -56,7 +56,7 @@ def test_the_file_that_is_written_is_the_rig_where_it_is_served(mine, tmp_path):
     assert copy.watchdog is not None
     assert copy.watchdog.generator == ENDPOINTS["waveform_generator"]
     assert copy.watchdog.interlock == ENDPOINTS["interlock_tcp"]
-    assert copy.name == "mine (simulated)"
+    assert copy.name == "mine"
     for same in ("limits", "safety", "output", "finger", "controller", "screen"):
         assert getattr(copy, same) == getattr(mine, same)
     assert copy.amplifier.gain_v_per_v == mine.amplifier.gain_v_per_v
