@@ -6,7 +6,7 @@ An unknown key is an error that offers the nearest one. What a file may say stan
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
@@ -30,6 +30,7 @@ Parsed = TypeVar("Parsed", bound=BaseModel)
 # Patterns of texts, and what they ask for in words.
 PRINTABLE, URL = r"^[^\x00-\x1f]+$", r"^https?://"
 PATTERNS = {PRINTABLE: "must be one line of printable characters", URL: "must begin with http://"}
+TELLING = {"kind", "do"}  # keys that tell sections of a union apart
 FIRST_SAID = {"extra_forbidden": 0, "union_tag_invalid": 1, "missing": 3, "union_tag_not_found": 3}
 
 
@@ -148,7 +149,7 @@ def parse(schema: type[Parsed], content: dict[str, Any], where: str, code: str =
     try:
         return schema.model_validate(content)
     except ValidationError as error:
-        faults = sorted(error.errors(), key=lambda fault: FIRST_SAID.get(fault["type"], 2))
+        faults = sorted(error.errors(), key=_order)
         file: Any = (
             _annotated(schema.model_fields["root"]) if issubclass(schema, RootModel) else schema
         )
@@ -167,9 +168,9 @@ def problem(fault: Any, file: Any = None) -> str:
         case "missing":
             return f"{key} is missing"
         case "union_tag_not_found":
-            return f"{key}.kind is missing".lstrip(".")
+            return f"{key}.{_told_apart_by(fault)} is missing".lstrip(".")
         case "union_tag_invalid":
-            return f"{key}.kind is {fault['ctx']['tag']!r}".lstrip(".")
+            return f"{key}.{_told_apart_by(fault)} is {fault['ctx']['tag']!r}".lstrip(".")
         case "value_error":
             return f"{key}: {said}" if key else said
     if fault["type"] == "date_type" and isinstance(fault["input"], str):
@@ -178,6 +179,21 @@ def problem(fault: Any, file: Any = None) -> str:
         said = PATTERNS[fault["ctx"]["pattern"]]
     value = repr(fault["input"])
     return f"{key or 'the file'}: {said}, not {value if len(value) <= 60 else value[:57] + '...'}"
+
+
+def _told_apart_by(fault: Any) -> str:
+    """The key whose value says which section of a union stands there."""
+    return str(fault["ctx"]["discriminator"]).strip("'")
+
+
+def foremost(faults: Iterable[Any], file: Any = None) -> tuple[str, str]:
+    """The fault that explains others, in words, and what to do about it."""
+    first = sorted(faults, key=_order)[0]
+    return problem(first, file), _hint(file, [first])
+
+
+def _order(fault: Any) -> int:
+    return FIRST_SAID.get(fault["type"], 2)
 
 
 def _hint(file: Any, faults: list[Any]) -> str:
@@ -194,7 +210,8 @@ def _hint(file: Any, faults: list[Any]) -> str:
             str(words[-1]), known
         )
     if kind == "union_tag_invalid":
-        return nearest(str(faults[0]["ctx"]["tag"]), list(_variants(_annotation(file, loc))))
+        known = [tag.strip(" '") for tag in faults[0]["ctx"]["expected_tags"].split(",")]
+        return nearest(str(faults[0]["ctx"]["tag"]), known)
     if kind in ("missing", "union_tag_not_found"):
         return "Add it"
     key = ".".join(_written(file, loc))
@@ -257,14 +274,15 @@ def _annotated(field: FieldInfo) -> Any:
 
 
 def _variants(annotation: Any) -> Mapping[str, Any]:
-    """The sections of a union by their `kind`; none for anything else."""
+    """The sections of a union by what tells them apart; none for anything else."""
     variants: dict[str, Any] = {}
     for member in members(annotation):
         if isinstance(member, Kinds):
             return member
         fields = getattr(member, "model_fields", {})
-        if "kind" in fields and get_origin(fields["kind"].annotation) is Literal:
-            variants |= dict.fromkeys(get_args(fields["kind"].annotation), member)
+        for name in fields.keys() & TELLING:
+            if get_origin(fields[name].annotation) is Literal:
+                variants |= dict.fromkeys(get_args(fields[name].annotation), member)
     return variants if len(variants) > 1 else {}
 
 

@@ -1,5 +1,5 @@
-"""What every command shares: one JSON object or text on stdout, errors on stderr, progress only on
-a terminal.
+"""What every command shares: one JSON object or text on stdout, errors and progress on
+stderr.
 
 What is printed stands as it is: a path or a hint such as `[force_sensor]` is never taken for
 markup. Emphasis is a `Text`.
@@ -11,6 +11,7 @@ import json
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from io import TextIOWrapper
@@ -55,6 +56,7 @@ RowsOption = Annotated[
     Path | None, Option(help="CSV to write: the rows that recordings were cut into.")
 ]
 
+LINE_S = 10.0  # between lines of progress where nobody watches a bar
 SIMULATED = ("simulated", "bold")  # a part of a `Text`
 
 
@@ -161,6 +163,19 @@ def report_error(error: HapticError, as_json: bool) -> None:
             lose_output(lost)
 
 
+class Lines:
+    """A line on stderr now and then, where it is no terminal."""
+
+    def __init__(self) -> None:
+        self._said_s = time.monotonic()
+
+    def say(self, line: str) -> None:
+        """Unless the last one is too young."""
+        if not stderr.is_terminal and time.monotonic() - self._said_s >= LINE_S:
+            self._said_s = time.monotonic()
+            stderr.print(line)
+
+
 class Advance:
     """Called with the number of steps done, in steps of any size; `tell` says what is being done or
     waited for.
@@ -169,24 +184,27 @@ class Advance:
     def __init__(self, bar: Progress, what: str, total: int) -> None:
         self._bar = bar
         self._task = bar.add_task(what, total=total)
-        self._total = total
+        self._what, self._total = what, total
         self._every = max(total // 200, 1)
         self._shown = 0
+        self._lines = Lines()
 
     def __call__(self, done: int) -> None:
         """Redraw, if it is worth it."""
+        self._lines.say(f"{self._what}: {done} of {self._total}")
         if done - self._shown >= self._every or done >= self._total:
             self._shown = done
             self._bar.update(self._task, completed=done)
 
     def tell(self, what: str) -> None:
         """Instead of what was said before."""
+        self._what = what
         self._bar.update(self._task, description=what)
 
 
 @contextmanager
 def progress(what: str, total: int) -> Iterator[Advance]:
-    """A bar on stderr, and only on a terminal."""
+    """A bar on stderr where that is a terminal, a line now and then elsewhere."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -216,10 +234,14 @@ def confirm_attended(rig: str) -> None:
 
 @contextmanager
 def status(what: str) -> Iterator[Callable[[str], None]]:
-    """A function to call with what is being done now; shown on stderr, and only on a terminal."""
+    """A function to call with what is being done now; shown on stderr, now and then where that is
+    no terminal.
+    """
+    lines = Lines()
     with stderr.status(what) if stderr.is_terminal else nullcontext() as shown:
 
         def tell(step: str) -> None:
+            lines.say(f"{what}: {step}")
             if shown is not None:
                 shown.update(f"{what}: {step}")
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.support.cells import is_number, number, read_cell
-from model.support.errors import ModelError
+from model.support.errors import ModelError, did_you_mean
 from model.support.reading import LARGEST_FILE_BYTES, read_bytes
 from model.support.text import decoded, is_value, plain
 from model.support.units import (
@@ -30,6 +30,7 @@ from model.support.units import (
     contradicts,
     differ,
     is_rms,
+    named_unit,
     near,
     to_column,
     unit_in_name,
@@ -320,6 +321,7 @@ def _with_near(
 
     ModelError for one of ours without a unit: nobody would miss it.
     """
+    named = {ours: one._replace(column=_called(columns, one.column)) for ours, one in named.items()}
     taken = {one.column for one in named.values()}
     found, notes = dict(named), []
     for ours, one in named.items():
@@ -342,6 +344,12 @@ def _with_near(
         found[ours] = Named(other.column, other.unit)
         notes.append(f"column {other.column} counts as {ours}, times {factor:g}")
     return found, tuple(notes)
+
+
+def _called(columns: Sequence[str], name: str) -> str:
+    """The column of that name; where there is none, the only one that has a unit behind it."""
+    bare = [column for column in columns if named_unit(column).bare == name]
+    return bare[0] if name not in columns and len(bare) == 1 else name
 
 
 def _with_points(table: Table) -> Table:
@@ -470,7 +478,9 @@ def _require(path: Path, columns: list[str], column: str, wanted: str) -> None:
             if columns
             else " (the file is empty)"
         )
-        raise ModelError(f"{path}: column {column} is missing{found}", wanted, "missing_column")
+        said = f"{path}: column {column} is missing{found}"
+        hint = f"{did_you_mean(column, columns)}{wanted}"
+        raise ModelError(said, hint, "missing_column")
 
 
 def _row(where: str, columns: list[str], cells: list[str], hint: str) -> dict[str, str]:

@@ -31,7 +31,7 @@ from fastapi.responses import JSONResponse, RedirectResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
-from haptic_driver.config import Checked, problem
+from haptic_driver.config import Checked, foremost
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport
 from haptic_driver.daemon.verbs import Empty, Leased, Since, Verb, all_verbs
@@ -214,10 +214,15 @@ def _answer_errors(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
-        fault = error.errors()[0]
-        fault["loc"] = fault["loc"][1:]  # without "body" or "query"
-        code = "out_of_range" if fault["type"] in BEYOND else "bad_request"
-        return refusal(422, BadInputError(code, problem(fault), "see /openapi.json"))
+        faults = [
+            fault | {"loc": fault["loc"][1:]} for fault in error.errors()
+        ]  # no "body", "query"
+        code = "out_of_range" if faults[0]["type"] in BEYOND else "bad_request"
+        asked = request.method, request.url.path
+        known: dict[tuple[str, str], type] = {
+            (verb.method, verb.path): verb.schema for verb in all_verbs().values()
+        }
+        return refusal(422, BadInputError(code, *foremost(faults, known.get(asked))))
 
     @app.exception_handler(HTTPException)
     async def not_routed(request: Request, error: HTTPException) -> JSONResponse:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 from anyio import to_thread
 from pydantic import BaseModel, Field, JsonValue, ValidationError
 
-from haptic_driver.config import Checked, problem
+from haptic_driver.config import Checked, foremost, problem
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import Asked, ErrorReport, RefusedError
 from haptic_driver.daemon.verbs import MOST_CHANGES, ArmRequest, SceneChange, Verbs, methods
@@ -84,14 +84,15 @@ class CommandChannel:
         try:
             command = _understood(text)
             verb = _VERBS[command.verb]
-            asked = verb.schema.model_validate_json(json.dumps(command.asked))
+            schema = verb.schema
+            asked = schema.model_validate_json(json.dumps(command.asked))
             at_once = verb.switches_off or verb is Verbs.renew
             if len(self._waiting) >= MOST_WAITING and not at_once:
                 raise RefusedError(
                     "busy", f"{MOST_WAITING} commands wait", "wait for answers; OFF is still heard"
                 )
         except ValidationError as error:
-            fault = BadInputError("bad_request", problem(error.errors()[0]), "see /openapi.json")
+            fault = BadInputError("bad_request", *foremost(error.errors(), schema))
             await self._refuse(_id_of(text), fault)
         except HapticError as error:
             await self._refuse(_id_of(text), error)

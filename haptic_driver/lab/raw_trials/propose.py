@@ -27,9 +27,9 @@ ROLES = {  # names that labs give, in the order in which roles are given away
     "normal_force": r"^f_?z\b|^f_?n\b|normal|load",
     "lateral_force": r"^f_?[xyt]\b|lateral|tangential|friction|shear|^force\b",
     "electrode_voltage": r"hv|mon|electrode",
-    "voltage": r"^[uv]\b|volt|trigger|drive",
-    "position": r"^[xsp]\b|^pos|position|stage|displacement",
-    "speed": r"speed|velocity",
+    "voltage": r"^[uv]\b|volt|trigger|drive|spannung",
+    "position": r"^[xsp]\b|^pos|position|stage|displacement|^weg\b",
+    "speed": r"speed|velocity|geschwindigkeit",
 }
 IN_NAMES = ("voltage", "frequency", "normal_force", "speed")
 SENSOR = ("V", "mV")  # what a sensor of any quantity may give

@@ -33,8 +33,8 @@ while time.monotonic() < until_s:
     for _ in range(100):
         k += 1
         x = float(k)
-        shared.sensed.write(Sensed(x, x, x, True, x, x, x, bool(k % 2), *(x,) * 3, True, *(x,) * 7))
-        shared.ring.write((k, *(x,) * 11, 1, *(x,) * 2, 1, *(x,) * 16, 1, k % 512))
+        shared.sensed.write(Sensed(x, x, x, True, x, x, x, bool(k % 2), *(x,) * 3, True, *(x,) * 9))
+        shared.ring.write((k, *(x,) * 11, 1, *(x,) * 2, 1, *(x,) * 18, 1, k % 512))
 """
 
 
@@ -55,7 +55,7 @@ def test_what_is_read_while_another_process_writes_is_whole_and_all_accounted_fo
     assert len(set(numbers)) > 10  # reads met writes; a busy machine gives the reader few turns
     assert numbers == sorted(numbers)
     for record, k in zip(records, numbers, strict=True):
-        assert record == Sensed(k, k, k, True, k, k, k, k % 2 == 1, *(k,) * 3, True, *(k,) * 7)
+        assert record == Sensed(k, k, k, True, k, k, k, k % 2 == 1, *(k,) * 3, True, *(k,) * 9)
     samples = np.concatenate(parts)
     assert np.all(np.diff(samples["tick"].astype(np.int64)) >= 1)
     np.testing.assert_array_equal(samples["tick"].astype(float), samples["voltage_v"])

@@ -138,6 +138,20 @@ def test_what_is_wrong_is_said_and_changes_nothing(shared, method, path, body, s
     assert shared.control.machine.state is DaemonState.IDLE
 
 
+@pytest.mark.parametrize(
+    ("path", "asked", "said"),
+    [
+        ("/set", {"cog": 0.6}, "Did you mean 'cof'?"),
+        ("/scene", {"changes": [{"do": "mvoe", "id": "a"}]}, "Did you mean 'move'?"),
+        ("/scene", {"changes": [{"do": "move", "id": "a", "xmm": 1}]}, "Did you mean 'x_mm'?"),
+    ],
+)
+def test_a_slip_of_the_pen_is_answered_by_the_nearest_word(shared, path, asked, said):
+    answer = shared.unix.post(path, json=asked)
+    assert answer.status_code == 422
+    assert answer.json()["error"]["hint"].startswith(said)
+
+
 def test_anothers_lease_is_forbidden(unix, control):
     unix.post("/arm", json={"lease_s": 5.0})
     assert error_of(unix.post("/set", json={"cof": 0.6}, headers={"X-Haptic-Lease": "mine"})) == (

@@ -104,6 +104,11 @@ def test_what_cannot_be_done_is_refused_and_the_channel_goes_on(line, said, stat
     assert "answer" in ask(line, "status")
 
 
+def test_a_slip_of_the_pen_is_answered_by_the_nearest_word(line):
+    line.send('{"id": 1, "verb": "set", "asked": {"cog": 0.6}}')
+    assert answer(line)["error"]["hint"].startswith("Did you mean 'cof'?")
+
+
 @pytest.mark.parametrize("number", [7, "seven"])
 @pytest.mark.parametrize(
     "said",

@@ -90,10 +90,20 @@ def test_other_tables_count_under_their_own_names(tmp_path):
 
 
 def test_a_column_that_is_not_there_is_missing(tmp_path):
-    another = ["frequency_hz=f", *CALLED[1:]]
-    for said, theirs in ((another, "f"), ([*CALLED, "humidity_pct=RH"], "RH")):
+    another = ["frequency_hz=g", *CALLED[1:]]
+    for said, theirs in ((another, "g"), ([*CALLED, "humidity_pct=RH"], "RH")):
         with pytest.raises(BadInputError, match=f"column {theirs} is missing"):
             read_data([table(tmp_path, LAB)], named=named(*said))
+
+
+def test_a_column_may_be_named_without_the_unit_behind_it(tmp_path):
+    text = "f (kHz),U [Vpp],U [mV],Fz,mu\n0.1,250,1,250,0.9\n10,100,1,500,0.6\n"
+    bare = ["frequency_hz=f", *CALLED[2:]]
+    data = read_data([table(tmp_path, text)], named=named(*bare, "voltage_v=U [Vpp]"))
+    assert data.columns["frequency_hz"].tolist() == [100.0, 10000.0]
+    assert data.columns["voltage_v"].tolist() == [125.0, 50.0]
+    with pytest.raises(BadInputError, match="column U is missing"):  # two columns are called so
+        read_data([table(tmp_path, text)], named=named(*bare, "voltage_v=U:Vpp"))
 
 
 @pytest.mark.parametrize(

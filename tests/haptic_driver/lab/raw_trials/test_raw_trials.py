@@ -219,6 +219,11 @@ def test_a_map_is_proposed_that_reads_the_file(tmp_path):
 
 def test_a_column_is_not_taken_against_its_unit():
     assert roles_of(["Load", "Fz"], ["mm", "N"])["normal_force"] == 1
+    german = ["Zeit", "Normalkraft", "Tangentialkraft", "Weg", "Spannung"]
+    known = ["time", "normal_force", "lateral_force", "position", "voltage"]
+    assert roles_of(german, ["s", "N", "N", "mm", "Vpp"]) == {
+        name: at for at, name in enumerate(known)
+    }
 
 
 def test_a_text_of_numbers_alone_has_no_names():
