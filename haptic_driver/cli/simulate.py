@@ -44,7 +44,13 @@ def simulate(
         Path | None, Option(help="File of a real rig, of which to serve twins, in place of --rig.")
     ] = None,
     out: Annotated[
-        Path | None, Option(help="With --like: the copy of that file that points at the twins.")
+        Path | None,
+        Option(
+            help=(
+                "With --like: the copy of that file that points at the twins; by default"
+                " FILE-simulated.toml."
+            )
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:

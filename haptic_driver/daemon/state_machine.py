@@ -27,6 +27,7 @@ class StateMachine:
         self.lease_until_s = -inf
         self.holder: str | None = None
         self._lease: Lease | None = None
+        self._ran_out: Lease | None = None
 
     @property
     def armed(self) -> bool:
@@ -52,7 +53,7 @@ class StateMachine:
             raise RefusedError(
                 "not_connected", "the rig is not connected yet", "wait until the state is idle"
             )
-        self._lease = Lease(token=secrets.token_urlsafe(16), lease_s=lease_s)
+        self._lease, self._ran_out = Lease(token=secrets.token_urlsafe(16), lease_s=lease_s), None
         self.state, self.holder = ARMED, holder
         self.arming += 1
         self.lease_until_s = now_s + lease_s
@@ -66,8 +67,7 @@ class StateMachine:
 
     def is_held_by(self, token: str) -> bool:
         """Whether there is a lease and it has this token."""
-        lease = self._lease
-        return lease is not None and secrets.compare_digest(token.encode(), lease.token.encode())
+        return _is_of(token, self._lease)
 
     def render(self, token: str, now_s: float) -> None:
         """Armed or rendering -> rendering."""
@@ -84,6 +84,11 @@ class StateMachine:
         if self.armed:
             self.state = IDLE
         self._lease, self.holder, self.lease_until_s = None, None, -inf
+
+    def run_out(self) -> None:
+        """As disarm; who held the lease is told why it has ended."""
+        self._ran_out = self._lease
+        self.disarm()
 
     def fault(self, reason: str) -> bool:
         """Any state -> fault; True when that is news. The first reason is kept."""
@@ -104,18 +109,31 @@ class StateMachine:
     def _held(self, token: str, now_s: float) -> Lease:
         if self.state is FAULT:
             raise RefusedError("not_armed", f"nobody holds a lease; {self._fault_said}", RESET_HINT)
+        if self._lease is None and _is_of(token, self._ran_out):
+            raise _expired(self._ran_out)
         if self._lease is None:
             raise RefusedError(
                 "not_armed", f"nobody holds a lease; the daemon is {self.state}", "arm first"
             )
-        if not secrets.compare_digest(token.encode(), self._lease.token.encode()):
+        if not self.is_held_by(token):
             raise RefusedError(
                 "not_yours",
                 f"{self.holder} holds the lease",
                 "wait for it to end, or disarm and arm",
             )
         if now_s > self.lease_until_s:
-            raise RefusedError(
-                "lease_expired", "the lease has run out", "arm again, and renew it in time"
-            )
+            raise _expired(self._lease)
         return self._lease
+
+
+def _is_of(token: str, lease: Lease | None) -> bool:
+    return lease is not None and secrets.compare_digest(token.encode(), lease.token.encode())
+
+
+def _expired(lease: Lease | None) -> RefusedError:
+    of_s = "" if lease is None else f" of {lease.lease_s:g} s"
+    return RefusedError(
+        "lease_expired",
+        f"the lease{of_s} has run out: nothing renewed it in time",
+        "arm again, and renew it in time; browsers let hidden pages sleep",
+    )

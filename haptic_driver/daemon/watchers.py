@@ -62,7 +62,7 @@ def lease(watched: Watched, now_s: float) -> None:
         over = orders.machine.armed and now_s > orders.machine.lease_until_s + watched.render.ramp_s
     if over:
         orders.raise_flag(Flag.LEASE_LOST)
-        orders.withdraw(orders.machine.disarm)
+        orders.withdraw(orders.machine.run_out)
         watched.events.tell("lease", f"the lease ran out; {orders.said}")
 
 

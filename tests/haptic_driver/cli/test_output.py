@@ -118,3 +118,25 @@ def test_what_was_done_is_done_whoever_reads_about_it(control, socket, word, whe
     assert "Traceback" not in done.stderr
     status = shell(f"{SCRIPT} status --json > /dev/full")
     assert status.returncode == 1  # what it would have said is all that it does
+
+
+@pytest.mark.parametrize(("line_s", "said"), [(0.0, "rows: 2 of 5\nwaiting: 3 of 5\n"), (10.0, "")])
+def test_a_pipe_is_told_now_and_then_how_far_it_is(monkeypatch, line_s, said):
+    """A measurement of 95 s into a file was silent."""
+    pipe = Console(file=io.StringIO(), force_terminal=False, width=100)
+    monkeypatch.setattr(output, "stderr", pipe)
+    monkeypatch.setattr(output, "LINE_S", line_s)
+    with output.progress("rows", 5) as advance:
+        advance(2)
+        advance.tell("waiting")
+        advance(3)
+    assert pipe.file.getvalue() == said
+
+
+def test_a_pipe_is_told_the_steps_of_a_long_command(monkeypatch):
+    pipe = Console(file=io.StringIO(), force_terminal=False, width=100)
+    monkeypatch.setattr(output, "stderr", pipe)
+    monkeypatch.setattr(output, "LINE_S", 0.0)
+    with output.status("diagnosing") as tell:
+        tell("effect 3 of 22")
+    assert pipe.file.getvalue() == "diagnosing: effect 3 of 22\n"

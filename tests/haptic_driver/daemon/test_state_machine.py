@@ -47,6 +47,18 @@ def test_only_the_holder_of_a_lease_may_use_it_and_only_in_time():
     assert machine.lease_until_s == pytest.approx(0.9)
 
 
+def test_who_let_a_lease_run_out_is_told_so_afterwards_and_nobody_else():
+    """Said was only that the daemon is idle."""
+    machine = idle()
+    lease = machine.arm(0.0, 0.5)
+    machine.run_out()
+    assert machine.state is DaemonState.IDLE
+    assert refusal(machine.render, lease.token, 9.0).code == "lease_expired"
+    assert refusal(machine.render, "guessed", 9.0).code == "not_armed"
+    machine.arm(10.0, 0.5)
+    assert refusal(machine.render, lease.token, 10.1).code == "not_yours"
+
+
 def test_a_fault_ends_the_lease_keeps_its_first_reason_and_is_left_by_reset_alone():
     machine = idle()
     lease = machine.arm(0.0, 0.5)
