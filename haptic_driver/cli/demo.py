@@ -149,7 +149,7 @@ def _show(record: SlideRecord, result: Score, what: Text, picture: Path) -> None
         )
         stdout.print(contact)
     else:
-        stdout.print(_table(record))
+        stdout.print(_table(record) or _out_of_reach(record))
         for sentence in said(result.fidelity):
             stdout.print(sentence)
         stdout.print(
@@ -181,8 +181,21 @@ def _of_gain(gain: float, reachable_share: float | None) -> str:
     )
 
 
-def _table(record: SlideRecord) -> Table:
-    """Target against achieved friction, by level of target."""
+def _out_of_reach(record: SlideRecord) -> str:
+    """Why there is nothing to compare."""
+    asked, given = (
+        values[record.sliding] for values in (record.target_cof, record.samples["expected_cof"])
+    )
+    if not np.isfinite(asked).any():
+        return "nothing was asked for under a sliding finger"
+    return (
+        f"targets are {np.nanmin(asked):.3f} to {np.nanmax(asked):.3f}, and the model gives this rig"
+        f" {np.nanmin(given):.3f} to {np.nanmax(given):.3f}: its limits are too low for them"
+    )
+
+
+def _table(record: SlideRecord) -> Table | None:
+    """Target against achieved friction, by level of target; None where none was within reach."""
     table = Table(
         "target",
         "achieved",
@@ -195,7 +208,7 @@ def _table(record: SlideRecord) -> Table:
     judged = record.sliding & (record.samples["reachable"] == 1)
     target, measured = record.target_cof[judged], record.measured_cof[judged]
     if not target.size:
-        return table
+        return None
     error = measured / target - 1.0
     edges = np.linspace(target.min(), target.max() + 1e-9, TARGET_BINS + 1)
     for low, high in pairwise(edges):

@@ -121,3 +121,15 @@ def test_a_rig_that_names_its_finger_may_have_any_surface(haptic, refuses, small
     error = refuses("other_model", *command, "--model", "table1")
     assert "built from model 'reference', which is not model 'table1'" in error["message"]
     assert "--model" in error["hint"]
+
+
+def test_targets_out_of_reach_are_said_with_the_reach_and_no_empty_table(haptic, tmp_path):
+    rig = tmp_path / "weak.toml"
+    rig.write_text(changed(SIMULATED, ("voltage_v = 150.0", "voltage_v = 20.0")))
+    done = haptic("demo", "--rig", rig, "--trace", trace(tmp_path), "--out", tmp_path / "out")
+    assert "targets are 0.600 to 0.800, and the model gives this rig" in done.out
+    assert "target ┃" not in done.out
+
+
+def test_a_finger_that_never_slides_is_told_without_a_table(demo, tmp_path):
+    assert "nothing was asked for" in demo("--trace", trace(tmp_path, force_n=0.01)).out
