@@ -88,7 +88,8 @@ class Measurements:
     that the file itself marks as in contradiction with Kramers and Kronig. `least_cof_std`:
     relative; what of friction is known no better from row to row, whatever the scatter says.
     `bad_rows`: what was wrong in rows that were left out on request, a line of the file each.
-    `notes`: what is to be told of the data beside any result. `setting` [n] and `trial` [n]:
+    `read_as`: columns that count as one of ours, times a factor. `notes`: what is to be told of the
+    data beside any result. `setting` [n] and `trial` [n]:
     numbers of what the file calls so, None where it says nothing. `sure`: columns whose unit
     nobody need ask for, since a person said it or this program measured them.
     """
@@ -105,6 +106,7 @@ class Measurements:
     intervention: NDArray[np.str_] | None = None
     left_out: int = 0
     bad_rows: tuple[str, ...] = ()
+    read_as: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     least_cof_std: float = WITNESSES[FRICTION].least_std
     setting: NDArray[np.intp] | None = None
@@ -311,10 +313,10 @@ def read_measurements(
             raise table.bad_rows()
         said += table.said_wrong()
         table, found = kept, _measurements(kept)
-    notes = (*table.notes, *table.doubted(), *_friction_told(table), *_repeats_told(table))
+    notes = (*table.doubted(), *_friction_told(table), *_repeats_told(table))
     said_units = {ours for ours, one in named.items() if one.unit}
     sure = frozenset(COLUMNS if OWN in table.columns else said_units)
-    return replace(found, bad_rows=said, notes=notes, sure=sure)
+    return replace(found, bad_rows=said, read_as=table.notes, notes=notes, sure=sure)
 
 
 def _repeats_told(table: Table) -> tuple[str, ...]:
@@ -531,6 +533,7 @@ def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
         ),
         left_out=sum(data.left_out for data in sets),
         bad_rows=tuple(f"{name}, {said}" for name, data in parts for said in data.bad_rows),
+        read_as=tuple(f"{name}: {said}" for name, data in parts for said in data.read_as),
         notes=tuple(f"{name}: {said}" for name, data in parts for said in data.notes),
         setting=_numbers([data.setting for data in sets], [data.count for data in sets]),
         sure=frozenset.intersection(*(data.sure for data in sets)),

@@ -197,10 +197,11 @@ def _audit(content: Mapping[str, Any]) -> str:
             for name, std in data["noise_std"].items()
         ]
         text += f"Noise of one row: {_and(each)} (from {data['noise_source']}{checked})."
+    read_as = "".join(f'<p class="quiet">{escape(said)}</p>' for said in data["read_as"])
     warnings = "".join(f'<p class="warn">Warning: {escape(w)}</p>' for w in content["warnings"])
     untested = [f"{words(e['name'])} ({e['why']})" for e in content["not_tested"]]
     missing = f'<p class="quiet">Not tested: {escape(", ".join(untested))}.</p>' if untested else ""
-    return f"<p>{escape(text)}</p>{warnings}{missing}"
+    return f"<p>{escape(text)}</p>{read_as}{warnings}{missing}"
 
 
 def _where(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:

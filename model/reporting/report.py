@@ -196,6 +196,7 @@ def _data(diagnosis: Diagnosis) -> Record:
         "witnesses": {WITNESSES[i].column: int(data.of(i).sum()) for i in data.witnesses},
         "sessions": len(np.unique(data.session)),
         "columns": sorted(data.columns),
+        "read_as": list(data.read_as),
         "noise_source": None if noise is None else noise.source,
         "noise_relative_std": (
             None if noise is None else float(np.median(noise.own_std[data.of(data.witnesses[0])]))

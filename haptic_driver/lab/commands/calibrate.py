@@ -105,6 +105,7 @@ def _payload(found: Calibration, out: Path, picture: Path) -> dict[str, Any]:
         },
         "correlated": [{"names": [a, b], "correlation": r} for a, b, r in found.correlated],
         "at_an_end": list(found.at_an_end),
+        "read_as": list(found.data.read_as),
         "warnings": list(found.warnings),
     }
 
@@ -119,6 +120,8 @@ def _show(found: Calibration, out: Path, picture: Path) -> None:
         )
     stdout.print(table)
     stdout.print(f"chi-square per point {found.chi2_per_point:.2f} over {found.data.count} rows")
+    for said in found.data.read_as:
+        stdout.print(said)
     for warning in found.warnings:
         stdout.print(f"note: {warning}")
     stdout.print(f"model: {out}, picture: {picture}")

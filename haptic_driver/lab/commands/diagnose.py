@@ -312,6 +312,7 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
 
 
 def _notes(found: Mapping[str, Any]) -> Iterator[str]:
+    yield from found["data"]["read_as"]
     yield from (f"warning: {warning}" for warning in found["warnings"])
     if hidden := len(found["out_of_sight"]):
         yield f"effects of usual size that these data could not show: {hidden}; see the report"

@@ -96,6 +96,18 @@ def test_a_column_that_is_not_there_is_missing(tmp_path):
             read_data([table(tmp_path, LAB)], named=named(*said))
 
 
+@pytest.mark.parametrize("command", ["diagnose", "calibrate"])
+def test_what_a_column_counts_as_is_told_and_is_no_warning(haptic, tmp_path, command):
+    rows = [f"{f},{v},0.5,{mu}" for f in (60, 200, 999) for v, mu in ((0, 0.5), (200, 0.6))] * 2
+    path = table(tmp_path, "\n".join(["frequency_hz,U [Vpp],normal_force_n,cof", *rows, ""]))
+    out = tmp_path / ("out" if command == "diagnose" else "fitted.toml")
+    done = haptic(command, path, "--column", "voltage_v=U [Vpp]", "--out", out, "--json")
+    said = "column U [Vpp] counts as voltage_v, times 0.5"
+    read_as = done.said["data"]["read_as"] if command == "diagnose" else done.said["read_as"]
+    assert read_as == [said]
+    assert said not in done.said["warnings"]
+
+
 def test_a_column_may_be_named_without_the_unit_behind_it(tmp_path):
     text = "f (kHz),U [Vpp],U [mV],Fz,mu\n0.1,250,1,250,0.9\n10,100,1,500,0.6\n"
     bare = ["frequency_hz=f", *CALLED[2:]]
