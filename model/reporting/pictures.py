@@ -43,6 +43,7 @@ AXES = {
 DRIVEN_ONLY = ("frequency_hz",)
 # along one side of a map: levels, or ranges where there are more levels
 MOST_CELLS, MOST_RANGES = 12, 8
+LABEL = 0.14  # of the width of an axis: a label of three digits
 MOST_BARS = 8
 LEAST_BAR = 1e-4
 LONGEST_NAME = 24
@@ -375,10 +376,21 @@ def _profile(
     if name in LOG_INPUTS and at.min() > 0.0:
         ax.set_xscale("log")
         if at.max() < 30.0 * at.min():
-            ax.set_xticks(at, [f"{v:.3g}" for v in at])
+            ticks = _apart(at)
+            ax.set_xticks(ticks, [f"{v:.3g}" for v in ticks])
             ax.minorticks_off()
     ax.set_xlabel(AXES[name] + (", rows with voltage" if name in DRIVEN_ONLY else ""))
     ax.grid(alpha=0.25)
+
+
+def _apart(levels: Array) -> list[float]:
+    """Those of rising levels whose labels do not touch on a logarithmic axis of them all."""
+    least = LABEL * np.log(levels[-1] / levels[0])
+    kept = [float(levels[0])]
+    for level in levels[1:]:
+        if np.log(level / kept[-1]) >= least:
+            kept.append(float(level))
+    return kept
 
 
 def probability_bars(found: Findings) -> Figure:

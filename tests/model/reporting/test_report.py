@@ -23,7 +23,7 @@ from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
 from model.reporting.page import question, sentence
-from model.reporting.pictures import fingerprint, held_out
+from model.reporting.pictures import _apart, fingerprint, held_out
 from model.reporting.report import write_report
 from model.touch_model import TouchModel
 from tests.fingers import FINGER, hiding
@@ -396,3 +396,12 @@ def test_a_fold_without_error_has_its_number_on_a_logarithmic_axis():
     (ax,) = drawn.axes
     assert [text.get_text() for text in ax.texts] == ["90", "0.00", "10", "0.00"]
     assert ax.get_position().height > 0.4
+
+
+def test_ticks_that_would_touch_are_left_out():
+    levels = np.array([60, 75, 100, 120, 150, 200, 250, 330, 400, 500, 700, 1000.0])
+    kept = np.array(_apart(levels))
+    assert kept[0] == 60.0
+    assert (np.diff(np.log(kept)) >= 0.14 * np.log(1000.0 / 60.0)).all()
+    assert set(kept) <= set(levels)
+    assert _apart(np.array([60.0, 1000.0])) == [60.0, 1000.0]
