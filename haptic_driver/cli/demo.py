@@ -189,8 +189,8 @@ def _out_of_reach(record: SlideRecord) -> str:
     if not np.isfinite(asked).any():
         return "nothing was asked for under a sliding finger"
     return (
-        f"targets are {np.nanmin(asked):.3f} to {np.nanmax(asked):.3f}, and the model gives this rig"
-        f" {np.nanmin(given):.3f} to {np.nanmax(given):.3f}: its limits are too low for them"
+        f"targets are {np.nanmin(asked):.3f} to {np.nanmax(asked):.3f}, and the model gives this"
+        f" rig {np.nanmin(given):.3f} to {np.nanmax(given):.3f}: its limits are too low for them"
     )
 
 
