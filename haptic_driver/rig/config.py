@@ -592,6 +592,11 @@ def _not_watched(rig: RigConfig) -> Iterator[str]:
         rig.waveform_generator.resource,
         interlock.resource if isinstance(interlock, InterlockBox) else None,
     ]
+    if watchdog.generator.startswith("card:sound:"):
+        yield (
+            f"watchdog.generator: {watchdog.generator} is a sound card, which one program alone can"
+            f' take: say "{NO_WATCHDOG}", and have an interlock box switch off'
+        )
     for name, own in (("generator", watchdog.generator), ("interlock", watchdog.interlock)):
         if (
             own is not None

@@ -131,6 +131,13 @@ def test_a_file_that_smooths_velocity_is_read_as_one_that_does_not(tmp_path):
         ] == told
 
 
+def test_no_watchdog_can_take_a_sound_card(tmp_path):
+    """It was refused at the daemon's start alone."""
+    old, new = "TCPIP::192.168.0.5::5025::SOCKET", "card:sound:hw:1,0/0"
+    error = refused(rig_file(tmp_path, (f'generator = "{old}"', f'generator = "{new}"')))
+    assert f"watchdog.generator: {new} is a sound card" in error.message
+
+
 def test_the_interlocks_port_is_not_the_watchdogs(tmp_path):
     old = '# interlock = "TCPIP::192.168.0.6::4000::SOCKET"'
     error = refused(rig_file(tmp_path, (old, 'interlock = "/dev/ttyUSB0"')))
