@@ -160,6 +160,10 @@ def not_covered(sensed: Sensed, limits: OperatingLimits, one_touch_m2: float) ->
     most = limits.touches(one_touch_m2)
     if sensed.contacts > most:
         return f"{sensed.contacts:.0f} fingers touch the screen, more than {most}: {holds_for}"
+    # surely more, by two standard deviations; NaN is no area
+    surely_m2 = sensed.contact_area_m2 - 2.0 * sensed.contact_area_std_m2
+    if surely_m2 > max(limits.touching_area_m2, one_touch_m2):
+        return f"a touch covers {1e6 * sensed.contact_area_m2:.3g} mm² of the screen: {holds_for}"
     return None
 
 

@@ -107,6 +107,23 @@ def test_contact_that_the_rigs_figure_does_not_cover_has_a_reason(touching_m2, c
 
 
 @pytest.mark.parametrize(
+    ("touching_m2", "told", "why"),
+    [
+        (0.0, (190e-6, 40e-6), "a touch covers 190 mm² of the screen"),  # 110 mm² at the least
+        (0.0, (170e-6, 40e-6), None),
+        (471e-6, (190e-6, 40e-6), None),
+        (0.0, (math.nan, math.nan), None),
+    ],
+)
+def test_a_touch_that_is_surely_larger_than_the_figure_has_a_reason(touching_m2, told, why):
+    limits = OperatingLimits(150.0, 1.0, 1e6, touching_area_m2=touching_m2)
+    area_m2, std_m2 = told
+    sensed = Bench().says()._replace(contact_area_m2=area_m2, contact_area_std_m2=std_m2)
+    found = not_covered(sensed, limits, 100e-6)
+    assert found is None if why is None else found.startswith(why)
+
+
+@pytest.mark.parametrize(
     "wrong_s", [math.nan, math.inf, -math.inf, 1.7e9, NOW_S + 0.02, NOW_S - 0.02]
 )
 def test_a_time_is_between_the_last_one_and_now(wrong_s):
