@@ -27,7 +27,7 @@ from hw.force.sensor import ForceReading
 # A driver that takes its sensor's clock to ours is off by its own delays, some ms at most. Output
 # ends 100 ms after the last reading: 5 ms more of it are none that a finger feels.
 SLACK_S = 0.005
-LEAST_TOUCH_M2 = 1e-6  # less is no finger that presses
+LEAST_TOUCH_M2 = 1e-6  # less is that of a touch which begins or ends, and tells no pressure
 
 STAMPS = "its driver has to stamp readings with the time of CLOCK_MONOTONIC (time.monotonic)"
 
@@ -73,6 +73,7 @@ class Readings:
         with self._of("force_sensor"):
             self._force_s = _believed_time_s(self._sensor, force.time_s, self._force_s, now_s)
             _refuse(self._not_measured(force))
+        tells_area = finger.touching and finger.contact_area_m2 >= LEAST_TOUCH_M2
         return Sensed(
             self._finger_s,
             finger.position_x_m,
@@ -84,8 +85,8 @@ class Readings:
             force.saturated,
             contacts=math.nan if finger.contacts is None else finger.contacts,
             palm=finger.palm,
-            contact_area_m2=finger.contact_area_m2 if finger.touching else math.nan,
-            contact_area_std_m2=finger.contact_area_std_m2 if finger.touching else math.nan,
+            contact_area_m2=finger.contact_area_m2 if tells_area else math.nan,
+            contact_area_std_m2=finger.contact_area_std_m2 if tells_area else math.nan,
         )
 
     @contextmanager
@@ -115,7 +116,7 @@ class Readings:
         """What is wrong with a touch's area; NaN is one that is not told."""
         area_m2, std_m2 = finger.contact_area_m2, finger.contact_area_std_m2
         told = finger.touching and not math.isnan(area_m2)
-        if told and not (LEAST_TOUCH_M2 <= area_m2 <= PALM_M2 and 0.0 < std_m2 < math.inf):
+        if told and not (0.0 <= area_m2 <= PALM_M2 and 0.0 <= std_m2 < math.inf):
             yield (
                 f"{self._tracker} tells a contact area of {1e6 * area_m2:.4g} mm², standard"
                 f" deviation {1e6 * std_m2:.4g} mm²",

@@ -71,7 +71,7 @@ class DaemonSettings:
 
     def not_covered(self, sensed: Sensed) -> str | None:
         """See `readings.not_covered`; one touch is that of the signed model's finger."""
-        if not (sensed.palm or sensed.contacts > 1.0):
+        if not (sensed.palm or sensed.contacts > 1.0 or sensed.contact_area_m2 > 0.0):
             return None
         signed = self.surface if self.signed is None else self.signed
         one_touch_m2 = signed.provenance["model"]["parameters"]["contact_area_m2"]["value"]

@@ -151,6 +151,8 @@ class Controller:
         )
         self.held = hold(control)
         self._most_n = float(np.exp(surface.log_normal_force[-1])) * (1.0 + ON_NODE)
+        pressures = surface.log_pressure
+        self._most_pa = float(np.exp(pressures[-1])) * (1.0 + ON_NODE) if pressures.size else np.inf
         self._most_m_s = np.inf if correction is None else float(np.exp(correction.log_speed[-1]))
 
     def knows(self, finger: FingerState) -> bool:
@@ -158,7 +160,9 @@ class Controller:
         knows is taken.
         """
         speed_m_s = hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
-        return finger.normal_force_n <= self._most_n and speed_m_s <= self._most_m_s
+        load_n, area_m2 = finger.normal_force_n, finger.contact_area_m2
+        is_light = load_n <= (self._most_pa * area_m2 if area_m2 > 0.0 else self._most_n)
+        return is_light and speed_m_s <= self._most_m_s
 
     def step(
         self,
@@ -276,7 +280,25 @@ def decided(
         known = feedback.elsewhere(control.law, known, state.frequency_hz, frequency_hz)
         frequency_hz, inverse, factors = chosen(control, known, target.cof, solved, frequency_hz)
     point = as_felt(frequency_hz, inverse, factors, known.gains, target.cof)
-    return ControllerState(frequency_hz, known, commands), point
+    share = finger.normal_force_n / solved.normal_force_n
+    return ControllerState(frequency_hz, known, commands), with_current(point, share)
+
+
+@kernel
+def with_current(point: OperatingPoint, share: float) -> OperatingPoint:
+    """The point with that share of the sliding current: under the same pressure it goes with the
+    load, as the area does.
+    """
+    return OperatingPoint(
+        point.frequency_hz,
+        point.voltage_v,
+        point.cof,
+        share * point.current_rms_a,
+        point.stuck_current_rms_a,
+        point.reachable,
+        point.cof_low,
+        point.cof_high,
+    )
 
 
 @kernel
@@ -326,7 +348,7 @@ def carried(
         np.nan,
         contact_s,
         np.nan,
-        np.nan,
+        known.contact_area_m2,
     )
     (off_n, rise_n), _ = feedback.by_surface(new.surface, new.correction, drive, finger)
     (old_off_n, old_rise_n), _ = feedback.by_surface(old.surface, old.correction, drive, finger)
@@ -514,7 +536,8 @@ def along(
     """
     control, gains = held[0], Gains(*gained)
     surface, caps, factors = control.surface, control.caps, Factors(1.0, 1.0)
-    finger = as_solved(surface, FingerState(*felt))
+    real = FingerState(*felt)
+    finger = as_solved(surface, real)
     place = place_of(surface, frequency_hz, finger.normal_force_n)
     most = invert_at(surface, np.inf, place, caps)
     low, high, largest = most.cof_low, most.cof_high, 0.0
@@ -534,7 +557,7 @@ def along(
             voltage_v[m] = crossing_v(surface, surface.cof, place, wanted, most.voltage_v)
             peak_cof = max(peak_cof, wanted)
     peak = as_felt(frequency_hz, invert_at(surface, peak_cof, place, caps), factors, gains, largest)
-    return voltage_v, peak[:]
+    return voltage_v, with_current(peak, real.normal_force_n / finger.normal_force_n)[:]
 
 
 @kernel

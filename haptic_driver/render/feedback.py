@@ -117,7 +117,8 @@ class Estimate(NamedTuple):
     bound; `cautious`: a force was measured lately, so that the covariance counts. `expected_off_n`
     and `expected_rise_n`: lateral force by the surface alone, lagged as friction lags; NaN without
     contact. `time_s` and `normal_force_n` are the last sample's, `reading_time_s` and
-    `lateral_force_n` the last new reading's; `slid_m` is the way of this stroke.
+    `lateral_force_n` the last new reading's; `slid_m` is the way of this stroke. `contact_area_m2`
+    is the last sample's, NaN where it is unknown.
     """
 
     gains: Gains = Gains()
@@ -133,6 +134,7 @@ class Estimate(NamedTuple):
     normal_force_n: float = nan
     lateral_force_n: float = nan
     slid_m: float = 0.0
+    contact_area_m2: float = nan
 
 
 class InForce(NamedTuple):
@@ -252,6 +254,7 @@ def learnt(
         load_n,
         lateral_n,
         slid_m,
+        finger.contact_area_m2,
     )
 
 
@@ -326,7 +329,7 @@ def forgotten(
     last_s, reading_s = time_s if np.isfinite(time_s) else known.time_s, known.reading_time_s
     cautious = time_s - reading_s < PATIENCE_S
     return Estimate(
-        faded, gain, 0.0, False, False, cautious, nan, nan, last_s, reading_s, nan, nan, 0.0
+        faded, gain, 0.0, False, False, cautious, nan, nan, last_s, reading_s, nan, nan, 0.0, nan
     )
 
 
@@ -374,6 +377,7 @@ def with_gains(known: Estimate, gains: Gains, off_n: float, rise_n: float) -> Es
         known.normal_force_n,
         known.lateral_force_n,
         known.slid_m,
+        known.contact_area_m2,
     )
 
 

@@ -186,15 +186,13 @@ def crossing_v(
 def as_solved(surface: Surface, finger: FingerState) -> FingerState:
     """The finger with the load under which the surface's own has the same pressure.
 
-    Friction over load depends on that alone. It is the finger itself where its area is unknown, or
-    where the pressure lies beyond the surface.
+    Friction over load depends on that alone; the pressure is clamped to the surface. It is the
+    finger itself where its area is unknown.
     """
-    nodes = surface.log_pressure
-    if not (finger.contact_area_m2 > 0.0 and finger.normal_force_n > 0.0) or nodes.size == 0:
+    nodes, area_m2 = surface.log_pressure, finger.contact_area_m2
+    if nodes.size == 0 or not (0.0 < area_m2 < np.inf and finger.normal_force_n > 0.0):
         return finger
-    log_pressure = np.log(finger.normal_force_n / finger.contact_area_m2)
-    if not nodes[0] <= log_pressure <= nodes[-1]:
-        return finger
+    log_pressure = min(max(np.log(finger.normal_force_n / area_m2), nodes[0]), nodes[-1])
     k = min(int(np.searchsorted(nodes, log_pressure, side="right")), nodes.size - 1) - 1
     share = (log_pressure - nodes[k]) / (nodes[k + 1] - nodes[k])
     loads = surface.log_normal_force

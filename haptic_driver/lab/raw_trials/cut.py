@@ -321,11 +321,12 @@ def load_of(trial: Trial) -> Array:
 
 def _spans(trial: Trial, said: TrialMap) -> tuple[Span, ...]:
     """The windows in the trial's time; of a trial without voltage the whole motion is one."""
-    baseline = () if said.baseline is None else (_placed(BASELINE, said.baseline, trial),)
     if not trial.conditions["voltage"] and any(w.after != "motion" for w in said.windows):
         return (Span("window 1", trial.motion.start_s, trial.motion.end_s),)
     windows = [_placed(f"window {i}", w, trial) for i, w in enumerate(said.windows, start=1)]
-    return (*baseline, *windows)
+    if said.baseline is None or (trial.voltage is None and said.baseline.after != "motion"):
+        return tuple(windows)
+    return (_placed(BASELINE, said.baseline, trial), *windows)
 
 
 def _placed(name: str, window: Window, trial: Trial) -> Span:
@@ -345,6 +346,8 @@ def rows_of(trial: Trial, said: TrialMap, number: int) -> list[Row]:
         if span.name == BASELINE and said.baseline is not None and said.baseline.use != "row":
             before = row
             continue
+        if trial.voltage is None and said.baseline is not None and said.baseline.use != "row":
+            before = before or row  # without voltage all of it is the baseline
         if not is_on:
             offset: Row = {"voltage_offset_v": 0.0} if row["voltage_offset_v"] != "" else {}
             row |= {"voltage_v": 0.0, "electrode_voltage_v": "", **offset}

@@ -71,7 +71,7 @@ def test_how_many_touch_is_passed_on():
     assert (sensed.contacts, sensed.palm) == (3.0, True)
 
 
-@pytest.mark.parametrize("told", [(0.0, 1e-6), (0.02, 1e-3), (1e-4, 0.0), (1e-4, math.nan)])
+@pytest.mark.parametrize("told", [(-1e-5, 1e-6), (0.02, 1e-3), (math.inf, 1.0), (1e-4, math.nan)])
 def test_an_area_that_no_touch_has_or_without_its_error_is_not_believed(told):
     area_m2, std_m2 = told
     finger = FINGER._replace(contact_area_m2=area_m2, contact_area_std_m2=std_m2)
@@ -79,12 +79,13 @@ def test_an_area_that_no_touch_has_or_without_its_error_is_not_believed(told):
 
 
 def test_an_area_goes_on_with_its_error_and_ends_with_the_touch():
+    """A touch that begins, with one count of area, was a fault."""
     finger = FINGER._replace(contact_area_m2=1.2e-4, contact_area_std_m2=2e-5)
     sensed = Bench().says(finger)
     assert (sensed.contact_area_m2, sensed.contact_area_std_m2) == (1.2e-4, 2e-5)
     assert _finger_sample(sensed, NOW_S).contact_area_m2 == 1.2e-4
-    lifted = Bench().says(finger._replace(touching=False))
-    assert math.isnan(lifted.contact_area_m2)
+    for none in (finger._replace(touching=False), finger._replace(contact_area_m2=8e-7)):
+        assert math.isnan(Bench().says(none).contact_area_m2)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,8 @@ import pytest
 
 from haptic_driver.lookup.file import by_pressure, with_areas
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
+from haptic_driver.render.correction import NO_CORRECTION
+from haptic_driver.render.feedback import Estimate, FeedbackSettings, InForce, by_surface
 from haptic_driver.render.surface import as_solved
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
 from haptic_driver.simulation.finger_model import with_hidden
@@ -15,6 +17,7 @@ from model.conditions import Conditions
 HZ, LOAD_N = 200.0, 0.5
 FINGER = FingerState(0.0, 0.05, 0.03, 0.05, 0.0, LOAD_N, True)
 USUAL_M2 = 100e-6  # of the surface's finger
+UNKNOWN = np.empty(0)  # no pressures
 WITHIN = 5e-3  # the surface's own error, and a little
 
 
@@ -23,13 +26,29 @@ def surface(surface, touch):
     return with_areas(surface, touch)
 
 
-def voltage_for(surface, limits, finger, target_cof):
+def made(surface, limits, feedback=None):
     settings = ControllerSettings(
-        surface, limits, policy="fixed_frequency", fixed_frequency_hz=HZ, lowest_carrier_hz=1.0
+        surface,
+        limits,
+        policy="fixed_frequency",
+        fixed_frequency_hz=HZ,
+        lowest_carrier_hz=1.0,
+        feedback=feedback,
     )
-    controller = Controller(settings)
-    _, point = controller.step(INITIAL, TargetFriction(target_cof, True), finger, NO_COMMAND)
-    return point.voltage_v
+    return Controller(settings)
+
+
+def learning(surface, limits):
+    return made(surface, limits, FeedbackSettings(0.03))
+
+
+def operating_point(surface, limits, finger, target_cof):
+    target = TargetFriction(target_cof, True)
+    return made(surface, limits).step(INITIAL, target, finger, NO_COMMAND)[1]
+
+
+def voltage_for(surface, limits, finger, target_cof):
+    return operating_point(surface, limits, finger, target_cof).voltage_v
 
 
 @pytest.mark.parametrize("share", [0.5, 0.8, 1.25, 2.0])
@@ -49,11 +68,64 @@ def test_the_area_of_the_surfaces_own_finger_changes_nothing(surface):
     assert as_solved(surface, told).normal_force_n == pytest.approx(LOAD_N, rel=1e-12)
 
 
-@pytest.mark.parametrize("area_m2", [math.nan, 0.0, -1e-4, math.inf, 1e-7, 9e-3])
-def test_an_area_that_is_unknown_or_beyond_the_surface_leaves_the_load(surface, area_m2):
-    """Nothing is extrapolated: at 9000 mm2 the pressure is lower than any of the surface."""
+@pytest.mark.parametrize("area_m2", [math.nan, 0.0, -1e-4, math.inf])
+def test_an_area_that_is_unknown_leaves_the_load(surface, area_m2):
     told = FINGER._replace(contact_area_m2=area_m2)
     assert as_solved(surface, told).normal_force_n == LOAD_N
+
+
+@pytest.mark.parametrize(("area_m2", "end"), [(1e-7, -1), (9e-3, 0)])
+def test_a_pressure_beyond_the_surface_is_that_of_its_end(surface, area_m2, end):
+    """It fell back to the load itself, and the voltage jumped there with the area's noise."""
+    told = FINGER._replace(contact_area_m2=area_m2)
+    found_n = as_solved(surface, told).normal_force_n
+    assert found_n == pytest.approx(math.exp(surface.log_normal_force[end]), rel=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.5, 2.0])
+def test_the_sliding_current_is_that_of_the_area(surface, limits, touch, share):
+    area_m2 = share * USUAL_M2
+    finger = FINGER._replace(contact_area_m2=area_m2)
+    point = operating_point(surface, limits, finger, 0.6)
+    one = (np.array([x]) for x in (HZ, point.voltage_v, LOAD_N))
+    there = touch.predict(Conditions(*one, contact_area_m2=np.array([area_m2])))
+    assert point.current_rms_a == pytest.approx(there.current_rms_a[0], rel=WITHIN)
+
+
+def test_the_points_of_an_envelope_are_for_the_area_too(surface, limits):
+    finger = FINGER._replace(contact_area_m2=2.0 * USUAL_M2)
+    controller = made(surface, limits)
+    expected = controller.step(INITIAL, TargetFriction(0.6, True), finger, NO_COMMAND)[1]
+    voltages_v, peak = controller.along(Estimate(), np.array([0.6]), finger, HZ)
+    assert voltages_v[0] == pytest.approx(expected.voltage_v, rel=1e-6)
+    assert peak.current_rms_a == pytest.approx(expected.current_rms_a, rel=1e-6)
+
+
+def test_feedback_expects_the_friction_of_the_area(surface, touch):
+    area_m2 = 2.0 * USUAL_M2
+    finger = FINGER._replace(contact_area_m2=area_m2)
+    drive = InForce(HZ, 100.0, 100.0, 100.0, True)
+    forces_n, _ = by_surface(surface, NO_CORRECTION, drive, finger)
+    one = (np.array([x]) for x in (HZ, 100.0, LOAD_N))
+    felt = touch.cof(Conditions(*one, contact_area_m2=np.array([area_m2])))[0]
+    assert sum(forces_n) == pytest.approx(LOAD_N * felt, rel=WITHIN)
+
+
+def test_a_swap_to_a_surface_of_that_area_moves_no_friction(surface, limits):
+    """The gains are carried by what both surfaces say of the touch as it is."""
+    finger = FINGER._replace(contact_area_m2=2.0 * USUAL_M2)
+    of_both = [learning(surface, limits), learning(surface._replace(log_pressure=UNKNOWN), limits)]
+    target = TargetFriction(0.6, True)
+    state, point = of_both[0].step(INITIAL, target, finger, NO_COMMAND)
+    after = of_both[1].carried(of_both[0], state, 0.05, 0.0, point.voltage_v)
+    gains = after.estimate.gains
+    low_n, rise_n = by_surface(
+        of_both[1].settings.surface,
+        NO_CORRECTION,
+        InForce(HZ, *3 * [point.voltage_v], True),
+        finger,
+    )[0]
+    assert gains.off * low_n + gains.rise * rise_n == pytest.approx(0.6 * LOAD_N, rel=WITHIN)
 
 
 @pytest.mark.parametrize(

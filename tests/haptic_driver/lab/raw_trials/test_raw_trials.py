@@ -112,6 +112,19 @@ def test_the_trials_own_gain_or_zero_is_taken_out(tmp_path, use, times, more):
 
 
 @pytest.mark.parametrize(
+    ("said", "cof"), [({}, 1.1 * OFF_COF), ({"use": "gain", "cof": OFF_COF}, OFF_COF)]
+)
+def test_a_trial_without_voltage_is_its_own_baseline(tmp_path, said, cof):
+    """A map with [baseline], as --inspect proposes it, ended in a traceback."""
+    off = 1.1 * OFF_COF * LOAD_N
+    path = write_npz(tmp_path / "t.npz", TRUE | {"U": 0.0 * TIME_S, "Fx": off + 0.0 * TIME_S})
+    zero = {"values": {"voltage": 0, "frequency": 0}}
+    (row,) = rows(path, with_keys(conditions=zero, baseline={**BASELINE, **said}, motion={}))
+    assert row["voltage_v"] == 0.0
+    assert row["cof"] == pytest.approx(cof, rel=1e-6)
+
+
+@pytest.mark.parametrize(
     ("voltage_is", "waveform", "peak_v"),
     [
         ("peak", "sine", 120.0),
