@@ -186,10 +186,10 @@ def _told_apart_by(fault: Any) -> str:
     return str(fault["ctx"]["discriminator"]).strip("'")
 
 
-def foremost(faults: Iterable[Any], file: Any = None) -> tuple[str, str]:
-    """The fault that explains others, in words, and what to do about it."""
+def foremost(faults: Iterable[Any], file: Any = None) -> tuple[Any, str, str]:
+    """The fault that explains others, the same in words, and what to do about it."""
     first = sorted(faults, key=_order)[0]
-    return problem(first, file), _hint(file, [first])
+    return first, problem(first, file), _hint(file, [first])
 
 
 def _order(fault: Any) -> int:

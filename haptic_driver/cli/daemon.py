@@ -108,6 +108,9 @@ def run(
     from haptic_driver.daemon.web.security import origin_of  # noqa: PLC0415
 
     origins = frozenset(map(origin_of, allow_origin))
+    if token_file == place.with_name(place.name + ".token"):
+        said = f"{token_file} lasts as long as the daemon: each start writes it anew"
+        raise BadInputError("bad_token", said, "Give another --token-file")
     token = None if token_file is None else kept_token(token_file)
     if port is not None:
         listen(port).close()  # one that is taken is told now, not after seconds
@@ -120,9 +123,14 @@ def run(
     from hw.dropping_log import DroppingHandler  # noqa: PLC0415
 
     def announce(socket: Path, page: str | None) -> None:
-        said = partial(
-            report, as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page)
-        )
+        def show() -> None:
+            stdout.print(f"rig {rig} is ready at {socket}")
+            if page is not None and token_file is not None:  # a token that stays is in no log
+                stdout.print(f"page: {page.partition('?')[0]}?token= and what {token_file} holds")
+            elif page is not None:
+                stdout.print(f"page, for you alone: {page}")
+
+        said = partial(report, as_json, {"socket": str(socket), "page": page}, show)
         start_thread("say", said)
 
     handler = DroppingHandler()
@@ -156,11 +164,6 @@ def unit(
     require_free(out, force)
     text = (Path(__file__).parents[1] / "daemon" / "haptic@.service").read_text()
     haptic = str(Path(PYTHON[0]).with_name("haptic"))
-    write_text(out, text.replace("User=haptic", f"User={user}").replace(SHIPPED, haptic))
+    quoted = '"' + haptic.replace("%", "%%") + '"'
+    write_text(out, text.replace("User=haptic", f"User={user}").replace(SHIPPED, quoted))
     report(as_json, {"unit": str(out)}, lambda: stdout.print(f"{out} runs {haptic} as {user}"))
-
-
-def _show(rig: str, socket: Path, page: str | None) -> None:
-    stdout.print(f"rig {rig} is ready at {socket}")
-    if page is not None:
-        stdout.print(f"page, for you alone: {page}")

@@ -173,7 +173,11 @@ class Lines:
         """Unless the last one is too young."""
         if not stderr.is_terminal and time.monotonic() - self._said_s >= LINE_S:
             self._said_s = time.monotonic()
-            stderr.print(line)
+            try:
+                stderr.file.write(f"{line}\n")
+                stderr.file.flush()
+            except (OSError, ValueError):  # nobody reads it: what it tells of goes on
+                _to_nowhere(sys.stderr)
 
 
 class Advance:

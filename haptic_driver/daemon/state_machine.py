@@ -85,10 +85,12 @@ class StateMachine:
             self.state = IDLE
         self._lease, self.holder, self.lease_until_s = None, None, -inf
 
-    def run_out(self) -> None:
-        """As disarm; who held the lease is told why it has ended."""
-        self._ran_out = self._lease
-        self.disarm()
+    def run_out(self, arming: int) -> None:
+        """As disarm, unless somebody has armed since that arming; who held the lease is told."""
+        if arming == self.arming:
+            ended = self._lease
+            self.disarm()
+            self._ran_out = ended
 
     def fault(self, reason: str) -> bool:
         """Any state -> fault; True when that is news. The first reason is kept."""
@@ -109,7 +111,7 @@ class StateMachine:
     def _held(self, token: str, now_s: float) -> Lease:
         if self.state is FAULT:
             raise RefusedError("not_armed", f"nobody holds a lease; {self._fault_said}", RESET_HINT)
-        if self._lease is None and _is_of(token, self._ran_out):
+        if self._lease is None and self._ran_out is not None and _is_of(token, self._ran_out):
             raise _expired(self._ran_out)
         if self._lease is None:
             raise RefusedError(
@@ -118,8 +120,10 @@ class StateMachine:
         if not self.is_held_by(token):
             raise RefusedError(
                 "not_yours",
-                f"{self.holder} holds the lease",
-                "wait for it to end, or disarm and arm",
+                f"{self.holder} holds the lease{'' if token else ', and no token of it was sent'}",
+                "wait for it to end, or disarm and arm"
+                if token
+                else "send what arm gave, over HTTP as the header X-Haptic-Lease",
             )
         if now_s > self.lease_until_s:
             raise _expired(self._lease)
@@ -130,10 +134,9 @@ def _is_of(token: str, lease: Lease | None) -> bool:
     return lease is not None and secrets.compare_digest(token.encode(), lease.token.encode())
 
 
-def _expired(lease: Lease | None) -> RefusedError:
-    of_s = "" if lease is None else f" of {lease.lease_s:g} s"
+def _expired(lease: Lease) -> RefusedError:
     return RefusedError(
         "lease_expired",
-        f"the lease{of_s} has run out: nothing renewed it in time",
+        f"the lease of {lease.lease_s:g} s has run out: nothing renewed it in time",
         "arm again, and renew it in time; browsers let hidden pages sleep",
     )

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 
 from haptic_driver.daemon.event_log import EventLog
@@ -60,9 +61,10 @@ def lease(watched: Watched, now_s: float) -> None:
     orders = watched.orders
     with orders.lock:
         over = orders.machine.armed and now_s > orders.machine.lease_until_s + watched.render.ramp_s
+        arming = orders.machine.arming
     if over:
         orders.raise_flag(Flag.LEASE_LOST)
-        orders.withdraw(orders.machine.run_out)
+        orders.withdraw(partial(orders.machine.run_out, arming))
         watched.events.tell("lease", f"the lease ran out; {orders.said}")
 
 

@@ -127,7 +127,7 @@ class KindRole(Role, Kinds):
 
     def __contains__(self, name: object) -> bool:
         """Whether one of that name is installed; it is not loaded for the answer."""
-        return name in plugins.installed(self.group)
+        return isinstance(name, str) and name in plugins.installed(self.group)
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler

@@ -436,14 +436,14 @@ class EvdevTouchScreen:
         self, path: str, calibration: TouchCalibration, area: AreaCalibration | None = None
     ) -> None:
         self.calibration = calibration
-        self._area = area
+        self.area = area
         self._path = path
         self._screen: TouchScreen | None = None
 
     def open(self) -> None:
         """Open the event device; raises as `open_touch_reports`."""
         if self._screen is None:
-            self._screen = TouchScreen(open_touch_reports(self._path), self.calibration, self._area)
+            self._screen = TouchScreen(open_touch_reports(self._path), self.calibration, self.area)
 
     def read(self) -> FingerReading:
         """Return the newest reading, as `TouchScreen.read`. Raises DeviceDisconnected when not

@@ -51,6 +51,7 @@ EVENT_PERIOD_S = 0.05
 PAGE = "/page"
 BEYOND = {"finite_number", "greater_than", "greater_than_equal", "less_than", "less_than_equal"}
 
+SEND_JSON = "send a JSON object, and the header Content-Type: application/json"
 LeaseToken = Annotated[str, Header(alias=LEASE_HEADER, description="The token that `/arm` gave.")]
 SAID = {
     400: "not JSON",
@@ -214,15 +215,17 @@ def _answer_errors(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
-        faults = [
-            fault | {"loc": fault["loc"][1:]} for fault in error.errors()
-        ]  # no "body", "query"
-        code = "out_of_range" if faults[0]["type"] in BEYOND else "bad_request"
+        # without "body" or "query"
+        faults = [{**fault, "loc": fault["loc"][1:]} for fault in error.errors()]
+        if faults[0]["type"] == "json_invalid" or not faults[0]["loc"]:
+            return refusal(422, BadInputError("bad_request", "no JSON object was sent", SEND_JSON))
         asked = request.method, request.url.path
         known: dict[tuple[str, str], type] = {
             (verb.method, verb.path): verb.schema for verb in all_verbs().values()
         }
-        return refusal(422, BadInputError(code, *foremost(faults, known.get(asked))))
+        first, said, hint = foremost(faults, known.get(asked))
+        code = "out_of_range" if first["type"] in BEYOND else "bad_request"
+        return refusal(422, BadInputError(code, said, hint))
 
     @app.exception_handler(HTTPException)
     async def not_routed(request: Request, error: HTTPException) -> JSONResponse:

@@ -92,7 +92,8 @@ class CommandChannel:
                     "busy", f"{MOST_WAITING} commands wait", "wait for answers; OFF is still heard"
                 )
         except ValidationError as error:
-            fault = BadInputError("bad_request", *foremost(error.errors(), schema))
+            _, said, hint = foremost(error.errors(), schema)
+            fault = BadInputError("bad_request", said, hint)
             await self._refuse(_id_of(text), fault)
         except HapticError as error:
             await self._refuse(_id_of(text), error)
@@ -205,7 +206,8 @@ def _understood(text: str) -> Command:
     try:
         command = Command.model_validate_json(text)
     except ValidationError as error:
-        said = problem(error.errors()[0])
+        first = error.errors()[0]
+        said = "this is no JSON" if first["type"] == "json_invalid" else problem(first)
         raise BadInputError(
             "bad_request", said, 'send {"id": 1, "verb": "set", "asked": {"cof": 0.6}}'
         ) from error

@@ -140,3 +140,16 @@ def test_a_pipe_is_told_the_steps_of_a_long_command(monkeypatch):
     with output.status("diagnosing") as tell:
         tell("effect 3 of 22")
     assert pipe.file.getvalue() == "diagnosing: effect 3 of 22\n"
+
+
+def test_a_reader_that_leaves_ends_no_measurement(monkeypatch):
+    """`haptic measure 2>&1 | head -1` ended it at the second line."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "w") as gone:
+        monkeypatch.setattr(sys, "stderr", gone)
+        monkeypatch.setattr(output, "stderr", Console(file=gone, force_terminal=False))
+        monkeypatch.setattr(output, "LINE_S", 0.0)
+        with output.progress("rows", 5) as advance:
+            advance(2)
+            advance(3)

@@ -118,7 +118,7 @@ class BenchControl:
 
     def _expire(self):
         if self.machine.armed and self._now_s() > self.machine.lease_until_s:
-            self.machine.disarm()
+            self.machine.run_out(self.machine.arming)
             self.tell("lease", "the lease ran out")
 
     def status(self):

@@ -139,7 +139,7 @@ def test_off_is_off_at_once_and_stays_so_until_asked_again(daemon, electrode_v, 
 def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, electrode_v):
     lease = lose_the_client(daemon, lambda: electrode_v() > 10.0)
     assert electrode_v() == 0.0
-    assert refusal(daemon.renew, lease.token).code == "not_armed"
+    assert refusal(daemon.renew, lease.token).code == "lease_expired"  # as who held it is told
     assert "lease_lost" in daemon.status().flags
     until(lambda: any(event.kind == "lease" for event in daemon.events(0)))  # told after the state
     daemon.arm(LEASE_S)

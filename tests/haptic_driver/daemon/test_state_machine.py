@@ -51,7 +51,9 @@ def test_who_let_a_lease_run_out_is_told_so_afterwards_and_nobody_else():
     """Said was only that the daemon is idle."""
     machine = idle()
     lease = machine.arm(0.0, 0.5)
-    machine.run_out()
+    machine.run_out(machine.arming - 1)  # of an earlier one
+    assert machine.state is DaemonState.ARMED
+    machine.run_out(machine.arming)
     assert machine.state is DaemonState.IDLE
     assert refusal(machine.render, lease.token, 9.0).code == "lease_expired"
     assert refusal(machine.render, "guessed", 9.0).code == "not_armed"

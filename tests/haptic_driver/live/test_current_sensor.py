@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
+from haptic_driver.daemon.supervision import carried
 from haptic_driver.live.current_sensor import NOTHING_SEEN, Carried, ElectrodeWatch, TouchEstimate
-from haptic_driver.processes.samples import Flag
+from haptic_driver.lookup.models import load_model
+from haptic_driver.processes.samples import SAMPLE, Flag
 from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from hw.errors import DeviceError, DeviceTimeout
 from hw.monitor.contract import ElectrodeReading
+from model.conditions import Conditions
+from model.touch_model import TouchModel
 from tests.waiting import until
 
 USUAL_N = 0.5
@@ -88,3 +93,29 @@ def test_a_monitor_that_fails_beside_a_force_sensor_takes_nothing_away():
     with pytest.raises(DeviceTimeout):
         watch.look()
     assert watch.newest() == NOTHING_SEEN
+
+
+@pytest.mark.parametrize("share", [0.5, 2.0])
+def test_a_current_is_judged_for_the_area_that_the_screen_tells(share):
+    """A touch of half the area lets half the current through: told so, nothing of it is odd."""
+    usual = load_model("reference")
+    area_m2 = share * usual.values.contact_area_m2
+    finger = TouchModel(usual.with_values(contact_area_m2=area_m2))
+    row = Conditions(*map(np.atleast_1d, (200.0, 80.0, USUAL_N)))
+    there = finger.predict(row)
+    voltage_v, current_a = (
+        complex(x[0]) for x in (there.electrode_voltage_v, there.electrode_current_a)
+    )
+    reading = ElectrodeReading(voltage_v, 0.0, current_a, 1e-3 * abs(current_a))
+    told = estimate("reference").of(0.0, SLIDING._replace(contact_area_m2=area_m2), reading)
+    assert told.load_n == pytest.approx(USUAL_N, rel=1e-3)
+    untold = estimate("reference").of(0.0, SLIDING, reading)
+    assert abs(untold.load_n / USUAL_N - 1.0) > 0.02
+
+
+def test_the_area_of_the_newest_tick_goes_with_the_carrier(shared):
+    sample = np.zeros(1, SAMPLE)
+    sample["in_contact"], sample["output_on"], sample["frequency_hz"] = 1, 1, 200.0
+    sample["contact_area_m2"] = 1.5e-4
+    shared.ring.write(sample[0].item())
+    assert carried(shared).contact_area_m2 == 1.5e-4

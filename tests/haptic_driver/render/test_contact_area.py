@@ -10,7 +10,10 @@ from haptic_driver.render.controller import INITIAL, Controller, ControllerSetti
 from haptic_driver.render.correction import NO_CORRECTION
 from haptic_driver.render.feedback import Estimate, FeedbackSettings, InForce, by_surface
 from haptic_driver.render.surface import as_solved
-from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
+from haptic_driver.render.texture import Uniform
+from haptic_driver.render.tick import TickState, tick
+from haptic_driver.rig.tick_settings import tick_settings
+from haptic_driver.signals import NO_COMMAND, FingerSample, FingerState, TargetFriction
 from haptic_driver.simulation.finger_model import with_hidden
 from model.conditions import Conditions
 
@@ -150,3 +153,25 @@ def test_a_touch_that_spreads_under_load_is_looked_up_by_its_pressure(surface):
     expected_n = (pressure_pa * USUAL_M2 / 0.5**0.4) ** (1.0 / 0.6)
     told = FINGER._replace(contact_area_m2=150e-6)
     assert as_solved(spreads, told).normal_force_n == pytest.approx(expected_n, rel=1e-6)
+
+
+def test_a_tick_of_a_rig_looks_friction_up_for_the_area_that_comes_with_the_sample(
+    rig_config, surface_file, touch
+):
+    settings = tick_settings(rig_config, surface_file, Uniform(0.6))
+    area_m2 = 2.0 * USUAL_M2
+    sample = FingerSample(1.0, 0.05, 0.03, LOAD_N, now_s=1.0, contact_area_m2=area_m2)
+    _, done = tick(settings, TickState(), sample)
+    drive = done.wanted.frequency_hz, done.wanted.voltage_v, LOAD_N
+    conditions = Conditions(*map(np.atleast_1d, drive), contact_area_m2=np.array([area_m2]))
+    assert touch.cof(conditions)[0] == pytest.approx(0.6, rel=WITHIN)
+    _, without = tick(settings, TickState(), sample._replace(contact_area_m2=math.nan))
+    assert abs(done.wanted.voltage_v - without.wanted.voltage_v) > 0.5
+
+
+def test_a_finger_is_known_by_its_pressure(surface, limits):
+    """2 N are the most that the surface has for its own area."""
+    controller, heavy = made(surface, limits), FINGER._replace(normal_force_n=3.0)
+    assert not controller.knows(heavy)
+    assert controller.knows(heavy._replace(contact_area_m2=2.0 * USUAL_M2))
+    assert not controller.knows(FINGER._replace(contact_area_m2=0.1 * USUAL_M2))

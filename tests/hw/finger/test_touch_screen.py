@@ -16,6 +16,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from haptic_driver.rig.part import Wiring
+from haptic_driver.rig.parts.finger_trackers import EvdevFingerConfig
 from hw.errors import BadReply, DeviceDisconnected, DeviceError
 from hw.finger.simulated_touch_screen import Panel
 from hw.finger.touch_screen import (
@@ -335,6 +337,15 @@ def test_the_axes_of_a_contact_tell_its_area(axes, area_m2):
     report = events.feed(b"".join([*packed, EVENT.pack(10, 0, 0, 0, 0)]))
     found = AreaCalibration(1e-6, 0.2).area_m2(report)
     assert found == pytest.approx((area_m2, 0.2 * area_m2), nan_ok=True)
+
+
+def test_a_rigs_file_says_how_its_screen_tells_an_area():
+    area = {"m2_per_raw2": 7.9e-7, "log_std": 0.2, "measured_at": TODAY}
+    own = {"device": "/dev/input/event0", "matrix_m": [[1e-5, 0, 0], [0, 1e-5, 0]]}
+    section = EvdevFingerConfig(
+        kind="evdev", measured_at=TODAY, placeholder=False, area=area, **own
+    )
+    assert section.make(Wiring()).device.area == AreaCalibration(7.9e-7, 0.2)
 
 
 def test_the_area_that_the_kernel_has_already_counts():
