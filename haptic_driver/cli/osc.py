@@ -8,8 +8,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from hmac import compare_digest
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from typer import Option
@@ -17,19 +18,49 @@ from typer import Option
 from haptic_driver.cli.control import client_of
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, report, stderr, stdout
+from haptic_driver.daemon.private_file import kept_token
 from haptic_driver.daemon.verbs import Verb, methods
 from haptic_driver.errors import BadInputError, HapticError, message_of, optional
 from haptic_driver.processes.started import start_thread
 from model.support.errors import nearest
 
 if TYPE_CHECKING:
-    from haptic_driver.client import Channel
+    from haptic_driver.client import Channel, HapticClient
 
 HOST = "127.0.0.1"
 PREFIX = "/haptic/"
 MOST_WAITING = 256  # as on the command channel
 MOST_BYTES = 65507  # of a datagram
+LOST = ("no_answer", "no_daemon")  # of a daemon that has gone
 OscValue = str | int | float | bool
+
+
+class Lasting:
+    """A daemon's command channel, opened anew by whoever asks after the daemon has gone."""
+
+    def __init__(self, client: HapticClient) -> None:
+        self._client = client
+        self._open = ExitStack()
+        self._channel: Channel | None = self._open.enter_context(client.channel())
+
+    def ask(self, verb: Verb[..., Any, Any], said: dict[str, Any]) -> Any:
+        """As `Channel.ask`; the first that is asked of a daemon that has gone is not answered."""
+        if verb.switches_off:
+            return self._client.ask(verb, said)
+        try:
+            if self._channel is None:
+                self._channel = self._open.enter_context(self._client.channel())
+            return self._channel.ask(verb, said)
+        except HapticError as error:
+            if error.code in LOST:
+                self.close()
+            raise
+
+    def close(self) -> None:
+        """Hang up, and let the lease go."""
+        self._channel = None
+        with suppress(HapticError):
+            self._open.close()
 
 
 class Commands:
@@ -39,7 +70,7 @@ class Commands:
     JSON. Whoever falls silent for longer than the lease loses it.
     """
 
-    def __init__(self, channel: Channel, token: str) -> None:
+    def __init__(self, channel: Lasting, token: str) -> None:
         self._channel, self._token = channel, token
 
     def do(self, address: str, values: Sequence[OscValue]) -> list[OscValue] | None:
@@ -210,6 +241,9 @@ def _datagram(builder: Any, answer: list[OscValue]) -> bytes:
 def osc(
     port: Annotated[int, Option(min=0, max=65535, help="UDP port; 0: any that is free.")] = 9001,
     socket: SocketOption = None,
+    token_file: Annotated[
+        Path | None, Option(help="Keep the token there, so that it stays; made where missing.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Take commands for a running daemon as Open Sound Control messages, until Ctrl-C.
@@ -224,8 +258,8 @@ def osc(
     servers = optional("pythonosc.osc_server", "osc", "OSC")
     packets = optional("pythonosc.osc_packet", "osc", "OSC")
     builder = optional("pythonosc.osc_message_builder", "osc", "OSC")
-    token = secrets.token_urlsafe(9)
-    with client_of(socket) as client, client.channel() as channel:
+    token = secrets.token_urlsafe(9) if token_file is None else kept_token(token_file)
+    with client_of(socket) as client, closing(Lasting(client)) as channel:
         commands = Commands(channel, token)
 
         def tell(message: Message, answer: list[OscValue] | None) -> None:
@@ -258,7 +292,8 @@ def osc(
         with server, turns.taken():
             heard_at = server.server_address[1]
             where = {"host": HOST, "port": heard_at, "token": token}
-            text = f"listening on {HOST}:{heard_at}; token {token}"
+            held = f"token {token}" if token_file is None else f"its token is in {token_file}"
+            text = f"listening on {HOST}:{heard_at}; {held}"
             report(as_json, where, lambda: stdout.print(text))
             try:
                 server.serve_forever()

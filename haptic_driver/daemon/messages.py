@@ -327,7 +327,13 @@ class Status(Checked):
     def _asked_said(self) -> str:
         if self.texture is not None:
             return self.texture
-        return "nothing" if self.target_cof is None else f"friction {self.target_cof:.3g}"
+        if self.target_cof is None:
+            return "nothing"
+        low, high = self.reachable_cof
+        beyond = (
+            "" if low <= self.target_cof <= high else f", beyond reach, {low:.2f} to {high:.2f}"
+        )
+        return f"friction {self.target_cof:.3g}{beyond}"
 
     def latency_said(self) -> str:
         """The latency as measured, where that is known, beside the rig's file."""

@@ -279,5 +279,5 @@ def _out_of_reach(what: str, load_n: float, low: float, high: float) -> BadInput
     return BadInputError(
         "unreachable",
         f"{what} far out of reach: {low:.3g} to {high:.3g} at {load_n:.2g} N",
-        f"Ask for {low:.3g} to {high:.3g}, or set `nearest`",
+        f"Ask for {low:.3g} to {high:.3g}, or give nearest: the nearest that can be had",
     )

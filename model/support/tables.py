@@ -37,6 +37,7 @@ from model.support.units import (
     unit_of,
 )
 
+UNIT_BEHIND = re.compile(r".*\S\s*\[(.+)\]")
 MOST_LISTED = 30  # cells that an error names
 ROW_BYTES = 100  # where rows are limited
 MOST_SAID = 40  # columns that an error names
@@ -326,6 +327,11 @@ def _with_near(
     found, notes = dict(named), []
     for ours, one in named.items():
         own = unit_in_name(one.column, ours) if one.column in columns else ""
+        unknown = UNIT_BEHIND.fullmatch(one.column)
+        if unknown and not own and not one.unit and unit_of(ours) is not None:
+            said = f"{path}: column {one.column} is in {unknown[1]}, which is no unit known here"
+            hint = f"Say --column {ours}='{one.column}':UNIT"
+            raise ModelError(said, hint, "bad_column")
         if own and one.unit and contradicts(one.unit, own):
             said = f"{path}: column {one.column} is in {own} by its name, and {one.unit} is said"
             hint = f"Say --column {ours}={one.column}, or rename the column"

@@ -46,7 +46,8 @@ SPELLED = {  # ways to write how a voltage counts, and small letters that are su
     r"^kv$": "kV",
     r"^([km]?)v(?=[ _-]?(?:pp|pk|peak|rms))": r"\1V",
     r"(?<=V)[ _-]?p(?:ea)?k?[ _-]?(?:to)?[ _-]?p(?:ea)?k?$": "pp",
-    r"(?<=V)[ _-]?rms$": "rms",
+    r"(?<=V)[ _-]?ss$": "pp",  # German, from peak to peak
+    r"(?<=V)[ _-]?(?:rms|eff)$": "rms",
     r"(?<=V)[ _-]?(?:peak|pk|p)$": "",
 }
 ROUNDED = 1e-3  # relative: a number that was converted and written with few digits

@@ -14,10 +14,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from haptic_driver.cli.osc import MOST_WAITING, Commands, Message, Turns
+from haptic_driver.cli.osc import MOST_WAITING, Commands, Lasting, Message, Turns
 from haptic_driver.client import HapticClient
 from haptic_driver.daemon.state_machine import DaemonState
 from haptic_driver.errors import BadInputError
+from tests.haptic_driver.daemon.bench_control import BenchControl, serving
 from tests.waiting import HANG_S, until
 
 ANSWER_S = 20.0
@@ -33,6 +34,20 @@ def socket_of_udp():
 def commands(socket):
     with HapticClient(socket) as client, client.channel() as channel:
         yield Commands(channel, "secret")
+
+
+def test_a_daemon_that_comes_back_is_found_again(tmp_path):
+    """After a restart every verb but OFF failed for good."""
+    with serving(BenchControl(), tmp_path):
+        lasting = Lasting(HapticClient(tmp_path / "d.sock"))
+        commands = Commands(lasting, "secret")
+        assert commands.do("/haptic/status", ["secret"])[1] == "ok"
+    assert commands.do("/haptic/status", ["secret"])[1] == "no_answer"
+    assert commands.do("/haptic/status", ["secret"])[1] == "no_daemon"
+    with serving(BenchControl(), tmp_path):
+        assert commands.do("/haptic/arm", ["secret", 5.0])[1] == "ok"
+        assert commands.do("/haptic/set", ["secret", 0.6])[1] == "ok"
+        lasting.close()
 
 
 def test_verbs_take_their_values_in_order_or_as_json(commands, control):

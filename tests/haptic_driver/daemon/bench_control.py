@@ -199,7 +199,7 @@ class BenchControl:
     def set(self, token, cof, *, nearest=False):
         if not nearest and cof > 1.5:
             raise BadInputError(
-                "unreachable", f"friction {cof:g} is far out of reach", "set `nearest`"
+                "unreachable", f"friction {cof:g} is far out of reach", "give nearest"
             )
         self._change("set", cof)
         return self._render(token, cof, None)

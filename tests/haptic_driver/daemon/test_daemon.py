@@ -102,7 +102,7 @@ def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes
         ) as error:
             daemon.targets.set(lease.token, cof)
         assert error.value.code == "unreachable"
-        assert "set `nearest`" in error.value.hint
+        assert "give nearest" in error.value.hint
     assert daemon.status().state is DaemonState.ARMED
     assert electrode_v() == 0.0
     mostly_far = tmp_path / "far.toml"

@@ -169,7 +169,7 @@ def test_refusals_are_shown_with_what_to_do(page, control):
     page.fill("#cof", "7")
     page.click("#set button")
     text(page, "#refusal-message", "friction 7 is far out of reach")
-    text(page, "#refusal-hint", "set `nearest`")
+    text(page, "#refusal-hint", "give nearest")
     page.click("#refusal-close")
     expect(page.locator("#refusal")).to_be_hidden()
 
