@@ -166,19 +166,35 @@ def read_key(folder: Path) -> Key:
     return parse(Key, content, str(path), "bad_key")
 
 
-def marks(key: Key, files: Sequence[Path]) -> tuple[dict[str, Mark], dict[str, Any]]:
-    """A mark for each student, and the scores of all by the rules of the challenge.
+class Marks(NamedTuple):
+    """A mark for each student, the scores of all by the rules of the challenge, and why files that
+    cannot be read were left out.
+    """
 
-    Whatever is hidden counts as visible. Place, strength and numbers of the finger are not scored.
+    students: dict[str, Mark]
+    total: dict[str, Any]
+    left_out: list[str]
+
+
+def marks(key: Key, files: Sequence[Path]) -> Marks:
+    """Whatever is hidden counts as visible. Place, strength and numbers of the finger are not
+    scored. BadInputError where no file can be read.
     """
     given: dict[str, Answer] = {}
+    refused: list[BadInputError] = []
     for path in files:
-        found = read_answers(path, dict.fromkeys(key.students, AXES))
+        try:
+            found = read_answers(path, dict.fromkeys(key.students, AXES))
+        except BadInputError as error:
+            refused.append(error)
+            continue
         for name in found:
             if name in given:
                 said = f"{path}: student {name} has answered in another file too"
                 raise BadInputError(CODE, said, "Leave one of them out")
         given |= found
+    if refused and len(refused) == len(files):
+        raise refused[0]
     named = {"verdict", "effects", "probability"}
     answers = {name: Answer(**answer.model_dump(include=named)) for name, answer in given.items()}
     truths = {name: _truth(hidden) for name, hidden in key.students.items()}
@@ -186,7 +202,8 @@ def marks(key: Key, files: Sequence[Path]) -> tuple[dict[str, Mark], dict[str, A
         name: _mark(Judged(truth, answers.get(name, Answer()))) for name, truth in truths.items()
     }
     total = scores(answers, truths)
-    return marked, {part: total[part] for part in ("sets", "answered", "names", "calibration")}
+    kept = {part: total[part] for part in ("sets", "answered", "names", "calibration")}
+    return Marks(marked, kept, [f"{error.message}. {error.hint}" for error in refused])
 
 
 def _truth(hidden: Hidden) -> Truth:

@@ -54,7 +54,7 @@ def score(
     """
     from haptic_driver.lab.exercises import marks, read_key  # noqa: PLC0415
 
-    found, total = marks(read_key(folder), answers)
+    found, total, left_out = marks(read_key(folder), answers)
     right = sum(mark.right for mark in found.values())
     payload = {
         "students": {
@@ -63,6 +63,7 @@ def score(
         },
         "right": right,
         "total": total,
+        "left_out": left_out,
     }
 
     def show() -> None:
@@ -72,6 +73,8 @@ def score(
             hidden = ", ".join(mark.hidden) or "nothing"
             table.add_row(name, hidden, f"{verdict} {effects}".strip(), mark.mark)
         stdout.print(table)
+        for said in left_out:
+            stdout.print(f"left out: {said}")
         wrong = total["names"]["wrong_name"]["count"]
         stdout.print(f"right {right} of {len(found)}; wrong names {wrong}")
 

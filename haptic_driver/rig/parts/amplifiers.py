@@ -168,8 +168,8 @@ class AmplifierConfig(SignedFigures, PartSection):
         channel, card = self.voltage_monitor, at.rig.analog_inputs
         if channel is None or card is None:
             yield at.unverified(
-                "there is none: nothing sees the electrode, and off means that the generator says"
-                " so",
+                "there is none: nothing sees the electrode, and off rests on what generator and"
+                " enable line say",
                 "wire the amplifier's monitor to an analog input",
             )
             return

@@ -201,6 +201,9 @@ class EvdevFingerConfig(PartSection):
         )
         hint = "slide a finger while the daemon runs: haptic status has both as they are"
         yield at.called("touch reports").unverified(said, hint)
+        if self.area is not None:
+            told = f"major x minor x {self.area.m2_per_raw2:.3g} m2, off by {self.area.log_std:.0%}"
+            yield at.called("contact area").dated(told, self.area.measured_at)
 
     def make(self, wiring: Wiring) -> Part[FingerTracker]:
         """Reads its event device."""

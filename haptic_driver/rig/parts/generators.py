@@ -12,6 +12,7 @@ from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
     NO_WATCHDOG,
     DeviceSection,
+    NoPart,
     Patience,
     Resource,
     SampleRate,
@@ -163,6 +164,10 @@ class WatchdogConfig(Section):
         """Over the connection that it would have; it is not started."""
         from hw.transport.resource import make_transport
 
+        if self.generator == NO_WATCHDOG and not isinstance(at.rig.interlock, NoPart | None):
+            said = "there is none: the interlock has to switch off when the driver dies"
+            yield at.unverified(said, "kill an armed driver once")
+            return
         if self.generator == NO_WATCHDOG:
             hint = (
                 "give it a connection of its own, e.g. the generator's LAN socket; or use an"

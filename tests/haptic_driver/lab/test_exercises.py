@@ -198,6 +198,14 @@ def test_answers_by_hand_are_marked(marked, haptic):
     assert sum(line.startswith("│ 0") for line in done.out.splitlines()) == 8
 
 
+def test_one_answer_that_cannot_be_read_keeps_no_mark_from_the_others(marked, haptic):
+    (marked / "bad.json").write_text('{"4": {"verdict": "nothing"}}')
+    done = haptic("exercise", "score", marked, marked / "01.json", marked / "bad.json")
+    assert done.status == 0
+    assert "right 1 of 8" in done.out
+    assert f"left out: {marked}/bad.json" in "".join(done.out.splitlines())
+
+
 def test_what_cannot_be_marked_is_refused(marked, refuses):
     first = marked / "01.json"
     twice = refuses("bad_answers", "exercise", "score", marked, first, first)
