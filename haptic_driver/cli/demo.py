@@ -188,10 +188,13 @@ def _out_of_reach(record: SlideRecord) -> str:
     )
     if not np.isfinite(asked).any():
         return "nothing was asked for under a sliding finger"
-    return (
-        f"targets are {np.nanmin(asked):.3f} to {np.nanmax(asked):.3f}, and the model gives this"
-        f" rig {np.nanmin(given):.3f} to {np.nanmax(given):.3f}: its limits are too low for them"
+    said = (
+        f"targets are {np.nanmin(asked):.3f} to {np.nanmax(asked):.3f}, and the nearest that this"
+        f" rig gives by the model is {np.nanmin(given):.3f} to {np.nanmax(given):.3f}"
     )
+    if np.nanmax(asked) < np.nanmin(given):
+        return f"{said}: friction without voltage is higher"
+    return f"{said}: its limits are too low for them"
 
 
 def _table(record: SlideRecord) -> Table | None:

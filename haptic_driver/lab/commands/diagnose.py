@@ -23,6 +23,7 @@ from haptic_driver.cli.output import (
     status,
     stdout,
 )
+from haptic_driver.config import config_names
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input, require_free, writing
 from haptic_driver.lab.commands.columns import (
@@ -334,14 +335,24 @@ def once_more(
 ) -> str:
     """The commands that measure a plan and diagnose all of it, as they may be pasted."""
     measured = out / "more.csv"
-    sidecar = meta_path(given[0])
-    rig = json.loads(read_text(sidecar)).get("rig", "RIG") if sidecar.exists() else "RIG"
+    rig = _rig_of(given[0])
     also = [word for path in [*given[1:], measured] for word in ("--also", str(path))]
     measure = ["haptic", "measure", "--rig", rig, "--plan", str(plan), "--out", str(measured)]
     called = [word for said in columns for word in ("--column", said)]
     diagnose = ["haptic", "diagnose", str(given[0]), *also, *called]
     diagnose += ["--model", model, "--out", str(out)]
     return f"{shlex.join(measure)} && \\\n  {shlex.join(diagnose)}"
+
+
+def _rig_of(data: Path) -> str:
+    """The rig that a file was measured on: its name, or its file where that lies beside."""
+    sidecar = meta_path(data)
+    name = json.loads(read_text(sidecar)).get("rig", "") if sidecar.exists() else ""
+    if name in config_names("rigs"):
+        return str(name)
+    beside = sorted(data.parent.glob("*.toml")) if name else []
+    said = f'name = "{name}"'
+    return str(next((path for path in beside if said in read_text(path)), "RIG.toml"))
 
 
 def _unit(parameter: Mapping[str, Any]) -> str:

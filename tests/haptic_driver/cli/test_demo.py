@@ -127,7 +127,8 @@ def test_targets_out_of_reach_are_said_with_the_reach_and_no_empty_table(haptic,
     rig = tmp_path / "weak.toml"
     rig.write_text(changed(SIMULATED, ("voltage_v = 150.0", "voltage_v = 20.0")))
     done = haptic("demo", "--rig", rig, "--trace", trace(tmp_path), "--out", tmp_path / "out")
-    assert "targets are 0.600 to 0.800, and the model gives this rig" in done.out
+    assert "targets are 0.600 to 0.800, and the nearest that this" in done.out
+    assert "its limits are too low for them" in done.out
     assert "target ┃" not in done.out
 
 

@@ -81,9 +81,10 @@ export class Haptic {
     return this.ask("play", { name });
   }
 
-  // Changes of the scene, all at one tick; `show` after OFF.
-  scene(changes, show = false) {
-    return this.ask("change_scene", { changes, show });
+  // Changes of the scene, all at one tick; `show` after OFF. `nearest`: a friction that is out of
+  // reach is no refusal, and the nearest that can be had is rendered.
+  scene(changes, show = false, nearest = false) {
+    return this.ask("change_scene", { changes, show, nearest });
   }
 
   // Where an object is now. Places that come faster than they can be rendered replace each other.

@@ -45,7 +45,7 @@ function slide(x) {
 
 function press(down) {
   at("key").setAttribute("fill", down ? "#7db8f0" : "#d3dae2");
-  haptic?.scene([{ do: "set", id: "key", cof: down ? PRESSED : SMOOTH }]).catch(tell);
+  haptic?.scene([{ do: "set", id: "key", cof: down ? PRESSED : SMOOTH }], false, true).catch(tell);
 }
 
 // --- the list: lines between rows move with it
@@ -118,7 +118,7 @@ async function arm() {
     for (const [id, radius_mm, cof] of [["rim", 10, EDGE], ["key", 8.5, SMOOTH]])
       added.push({ do: "add", id, cof, origin_mm: [22, 40], shape: { kind: "circle", radius_mm } });
     for (let k = 0; k < lines; k++) added.push(rectangle(`line ${k}`, LIST.x + LIST.width / 2, LIST.y + k * ROW_MM, LIST.width, 0.8, EDGE));
-    await haptic.scene([{ do: "clear" }, ...added], true);
+    await haptic.scene([{ do: "clear" }, ...added], true, true);
     at("said").textContent = "armed";
     scroll(offset_mm);
   } catch (error) {

@@ -200,3 +200,14 @@ def test_what_is_printed_next_may_be_pasted(tmp_path):
     assert shlex.join(shlex.split(measure)) == f"haptic measure --rig hidden_humidity {to}"
     asked = f"haptic diagnose '{data}' --also out/more.csv --model reference --out out"
     assert shlex.split(diagnose) == shlex.split(asked)
+
+
+@pytest.mark.parametrize(("name", "rig"), [("exercise 01", "rig.toml"), ("gone", "RIG.toml")])
+def test_a_rig_that_is_known_by_its_file_alone_is_proposed_by_that(tmp_path, name, rig):
+    """It was proposed by a name that `--rig` does not know."""
+    data = tmp_path / "data.csv"
+    (tmp_path / "data.csv.meta.json").write_text(json.dumps({"rig": name}))
+    (tmp_path / "rig.toml").write_text('name = "exercise 01"\n')
+    shown = once_more(Path("plan.toml"), [data], "reference", Path("out"))
+    named = str(tmp_path / rig) if rig == "rig.toml" else rig
+    assert shlex.split(shown)[:4] == ["haptic", "measure", "--rig", named]
