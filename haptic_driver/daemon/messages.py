@@ -317,6 +317,9 @@ class Status(Checked):
     def in_short(self) -> str:
         """One line: what the daemon does, and what it was asked."""
         said = [f"{self.state}, output {self.output_said}", f"asked {self._asked_said()}"]
+        low, high = self.reachable_cof
+        if self.target_cof is not None and not low <= self.target_cof <= high:
+            said.append(f"beyond reach, {low:.2f} to {high:.2f}")
         said += [] if self.recording is None else [f"recording into {self.recording}"]
         said += [] if self.adaptation is None else [f"adapting: {self.adaptation}"]
         said += [] if self.fault is None else [f"fault: {self.fault}"]
@@ -327,13 +330,7 @@ class Status(Checked):
     def _asked_said(self) -> str:
         if self.texture is not None:
             return self.texture
-        if self.target_cof is None:
-            return "nothing"
-        low, high = self.reachable_cof
-        beyond = (
-            "" if low <= self.target_cof <= high else f", beyond reach, {low:.2f} to {high:.2f}"
-        )
-        return f"friction {self.target_cof:.3g}{beyond}"
+        return "nothing" if self.target_cof is None else f"friction {self.target_cof:.3g}"
 
     def latency_said(self) -> str:
         """The latency as measured, where that is known, beside the rig's file."""
