@@ -16,7 +16,7 @@ from haptic_driver.cli.output import SIMULATED, Json, RigOption, report, stdout
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.check import Check, CheckStatus
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.rig.doctor import examine
+from haptic_driver.rig.doctor import alone_with, examine
 
 COLOURS = {
     CheckStatus.OK: "green",
@@ -61,6 +61,8 @@ def doctor(
     with ExitStack() as serving:
         if config.simulated:
             today = config.limits.measured_at or today  # what is simulated does not age
+        else:
+            serving.enter_context(alone_with(config))
         checks = examine(_served(config, serving) if config.simulated else config, today)
     failed = any(check.status is CheckStatus.FAILED for check in checks)
     payload = {

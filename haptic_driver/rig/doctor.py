@@ -10,11 +10,12 @@ from __future__ import annotations
 import datetime
 import os
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from haptic_driver.processes.real_time import PRIORITY
 from haptic_driver.rig.check import Check, Checks, Examination
+from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.roles import ROLES, KindRole
 
@@ -55,6 +56,19 @@ def _figures(at: Examination) -> Checks:
             name = key.rpartition(".")[2].replace("_", " ")
             what = f"measured by {section.measured_by}"
             yield at.called(f"{name} figures").dated(what, section.measured_at)
+
+
+@contextmanager
+def alone_with(config: RigConfig) -> Iterator[None]:
+    """No other program has the instruments meanwhile: a question may disturb it, as a Net F/T box
+    streams to one alone. HapticError says who has one.
+    """
+    claims = Claims(config.addresses)
+    claims.take()
+    try:
+        yield
+    finally:
+        claims.release()
 
 
 def _resources(at: Examination) -> Checks:

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from haptic_driver.rig.check import CheckStatus, Examination
+from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.doctor import examine
 from haptic_driver.rig.parts.analog_inputs import NiAnalogInputsConfig
@@ -230,6 +231,17 @@ def test_asked_and_got_of_every_setting_in_one_table(haptic):
     shown = haptic("doctor", "--rig", "simulated").out
     assert "asked of each device" in shown
     assert "OUTP:LOAD" in shown
+
+
+def test_instruments_that_another_program_has_are_not_asked(haptic):
+    """Beside a daemon the question for the force sensor put it into fault, and nobody said so."""
+    daemon = Claims(load_rig("template").addresses)
+    daemon.take()
+    try:
+        done = haptic("doctor", "--rig", "template", "--json")
+    finally:
+        daemon.release()
+    assert done.said["error"]["code"] == "in_use"
 
 
 def test_the_command_on_a_rig_that_is_not_there(haptic, tmp_path):
