@@ -506,6 +506,9 @@ def _probability(value: float | None) -> str:
 
 
 def _share(value: float) -> str:
+    """Of a gap; beyond all of it the figure says no more."""
+    if abs(value) > 1.0:
+        return "over 100 %" if value > 0.0 else "below -100 %"
     return f"{100.0 * value:.0f} %"
 
 
