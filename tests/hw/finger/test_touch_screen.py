@@ -145,6 +145,29 @@ def test_a_finger_at_rest_is_where_it_is_now(bench):
     assert bench.tracker.read().time_s == bench.clock()
 
 
+def test_an_opened_screen_is_asked_how_large_its_contacts_are(opened):
+    sizes = {0x30: 12, 0x31: 8}
+
+    def ioctl(_: int, request: int, answer: bytearray | bytes) -> int:
+        if request == 0x8000450A | 12 << 16:
+            code = struct.unpack_from("@i", answer)[0]
+            struct.pack_into("@2i", answer, 4, 0, sizes.get(code, 0))
+        return 0
+
+    output, into = os.pipe()
+    reports = opened(
+        [0x2F, 0x35, 0x36, 0x39, *sizes],
+        fd=output,
+        absinfo=lambda code: SimpleNamespace(value=1, min=0, max=1),
+        ioctl=ioctl,
+    )
+    values = [*LANDS, ((0, 0), 0)]
+    os.write(into, b"".join(EVENT.pack(10, 0, *code, value) for code, value in values))
+    assert reports.read().axes_raw2 == 96
+    reports.close()
+    os.close(into)
+
+
 @given(
     st.lists(
         st.tuples(st.sampled_from(["put", "lift", "wait", "read"]), st.integers(0, 30)), max_size=60
