@@ -61,6 +61,13 @@ def test_who_let_a_lease_run_out_is_told_so_afterwards_and_nobody_else():
     assert refusal(machine.render, lease.token, 10.1).code == "not_yours"
 
 
+def test_who_sends_no_token_is_told_so():
+    machine = idle()
+    machine.arm(0.0, 0.5)
+    told = refusal(machine.render, "", 0.1)
+    assert (told.code, told.hint.startswith("send what arm gave")) == ("not_yours", True)
+
+
 def test_a_fault_ends_the_lease_keeps_its_first_reason_and_is_left_by_reset_alone():
     machine = idle()
     lease = machine.arm(0.0, 0.5)

@@ -22,7 +22,7 @@ from model.diagnosis.proof import Proof
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
-from model.reporting.page import question, sentence
+from model.reporting.page import gap_said, question, sentence
 from model.reporting.pictures import _apart, fingerprint, held_out
 from model.reporting.report import write_report
 from model.touch_model import TouchModel
@@ -405,3 +405,8 @@ def test_ticks_that_would_touch_are_left_out():
     assert (np.diff(np.log(kept)) >= 0.14 * np.log(1000.0 / 60.0)).all()
     assert set(kept) <= set(levels)
     assert _apart(np.array([60.0, 1000.0])) == [60.0, 1000.0]
+
+
+def test_more_than_all_of_a_gap_is_said_without_a_figure():
+    assert gap_said(0.9, (0.5, 16.75)).endswith("(50 % to over 100 %)")
+    assert gap_said(-0.2, (-584.0, 0.0)).endswith("(below -100 % to 0 %)")

@@ -96,6 +96,17 @@ def test_a_column_that_is_not_there_is_missing(tmp_path):
             read_data([table(tmp_path, LAB)], named=named(*said))
 
 
+def test_a_bracket_is_a_unit_that_is_known_or_is_refused(tmp_path):
+    """Volts from peak to peak in German were taken as peak."""
+    bare = [CALLED[0], *CALLED[2:], "voltage_v=U"]
+    text = LAB.replace(",U,", ",U [Vss],")
+    data = read_data([table(tmp_path, text)], named=named(*bare))
+    assert data.columns["voltage_v"].tolist() == [0.0625, 0.025]
+    unknown = [*bare[:3], "voltage_v=U [Vqq]"]
+    with pytest.raises(BadInputError, match="is in Vqq, which is no unit"):
+        read_data([table(tmp_path, LAB.replace(",U,", ",U [Vqq],"))], named=named(*unknown))
+
+
 @pytest.mark.parametrize("command", ["diagnose", "calibrate"])
 def test_what_a_column_counts_as_is_told_and_is_no_warning(haptic, tmp_path, command):
     rows = [f"{f},{v},0.5,{mu}" for f in (60, 200, 999) for v, mu in ((0, 0.5), (200, 0.6))] * 2
