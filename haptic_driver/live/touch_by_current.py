@@ -11,6 +11,7 @@ no trace in the current: it stays the model's.
 
 from __future__ import annotations
 
+from functools import partial
 from math import nan
 from typing import NamedTuple
 
@@ -65,7 +66,6 @@ class TouchByCurrent:
     def __init__(self, description: ModelDescription, load_n: float, stray_f: float = 0.0) -> None:
         self._own, self._load_n = description.with_values(stray_capacitance_f=stray_f), load_n
         self._off, self._covariance = np.zeros(SPREAD.size), np.diag(SPREAD**2)
-        self._area_m2 = nan
 
     def felt(
         self,
@@ -77,20 +77,18 @@ class TouchByCurrent:
         """What is known with one more reading, so long after the last; next to no voltage teaches
         nothing. An area that is NaN is the model's.
         """
-        self._area_m2 = contact_area_m2
         kept = np.exp(-elapsed_s / LASTS_S)
         self._off *= kept
         self._covariance = self._covariance * np.outer(kept, kept) + np.diag(
             (1.0 - kept**2) * SPREAD**2
         )
         voltage_v = abs(reading.voltage_v)
+        expected = partial(self._expected, frequency_hz, contact_area_m2)
         if voltage_v < LEAST_V or reading.current_a == 0.0:
-            quiet = self._expected(frequency_hz, max(voltage_v, QUIET_V), self._off)
+            quiet = expected(max(voltage_v, QUIET_V), self._off)
             return CurrentTouch(quiet.load_n, quiet.cof, LEVEL_STD * quiet.off_cof, False)
         moved = self._off + STEP * np.eye(SPREAD.size)[SHAPED]
-        told, *beside = (
-            self._expected(frequency_hz, voltage_v, off) for off in (self._off, *moved)
-        )
+        told, *beside = (expected(voltage_v, off) for off in (self._off, *moved))
         slope = np.zeros((2, SPREAD.size))
         slope[:, [1, 2]] = np.eye(2)
         ratios = [parts(other.admittance / told.admittance) for other in beside]
@@ -107,11 +105,13 @@ class TouchByCurrent:
         rises = np.array([other.cof - told.cof for other in beside]) / STEP
         known = float(np.sqrt(rises @ self._covariance[np.ix_(SHAPED, SHAPED)] @ rises))
         before = float(np.sqrt(rises @ np.diag(SPREAD[SHAPED] ** 2) @ rises))
-        felt = self._expected(frequency_hz, voltage_v, self._off)
+        felt = expected(voltage_v, self._off)
         std = float(np.hypot(known, LEVEL_STD * felt.off_cof))
         return CurrentTouch(felt.load_n, felt.cof, std, known < TOLD * before)
 
-    def _expected(self, frequency_hz: float, voltage_v: float, off: Array) -> _Expected:
+    def _expected(
+        self, frequency_hz: float, contact_area_m2: float, voltage_v: float, off: Array
+    ) -> _Expected:
         """What such a finger feels, and its current per volt."""
         log_load, _, _, wetness, log_roughness = map(float, off)
         load_n, own = self._load_n * float(np.exp(log_load)), self._own
@@ -120,7 +120,7 @@ class TouchByCurrent:
         wet = {SkinHydration.name: {"wetness": wetness + (known.value if known else 0.0)}}
         finger = with_hidden(TouchModel(own.with_values(roughness_rms_m=roughness_m)), wet)
         v = np.array([voltage_v, QUIET_V])
-        f, n, area_m2 = (np.full(v.size, each) for each in (frequency_hz, load_n, self._area_m2))
+        f, n, area_m2 = (np.full(v.size, each) for each in (frequency_hz, load_n, contact_area_m2))
         found = finger.predict(Conditions(f, v, n, contact_area_m2=area_m2))
         admittance = found.electrode_current_a[0] / found.electrode_voltage_v[0]
         cof, off_cof = found.cof.tolist()
