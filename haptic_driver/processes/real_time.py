@@ -20,7 +20,11 @@ LEAST = 19  # niceness of who works when nobody else does
 SWITCH_INTERVAL_S = 5e-4  # of the interpreter's threads; 5 ms where nobody asks
 RUNAWAY_S = 1.0
 PRIORITY = 80  # of SCHED_FIFO, above threaded interrupt handlers (50)
+BEFORE_RENDER = PRIORITY + 1  # for a short turn: render waits awake
 LEAST_PRIORITY = 1  # of SCHED_FIFO: before all that is not in real time
+# Of Python's search for garbage: so many new objects before one, so many of these before a longer
+# one, and of those before one of everything, which stops all threads for 10 ms and more.
+SEARCHES = 700, 10, 1000
 SPIN_S = 260e-6  # longer than most wake-ups and a rehearsal take; it costs 26 % of a core
 FIRST_REHEARSAL_S = 180e-6  # longer than one takes that has everything to fetch from memory
 REHEARSAL_S = 110e-6  # longer than one takes that follows
@@ -122,11 +126,12 @@ def _stay_awake() -> None:
 
 
 def settle_memory() -> None:
-    """Look for garbage only among what is made from here on.
+    """Look for garbage only among what is made from here on, often, and so for a short time.
 
     A search of all that a process has imported stops its threads for a third of a second.
     """
     gc.freeze()
+    gc.set_threshold(*SEARCHES)
 
 
 def never_collect() -> None:

@@ -3,7 +3,7 @@
     python unpaced.py SOCKET TOKEN
 
 prints how many changes were made, and what the median and the slowest of them took, when its
-standard input ends.
+standard input ends or a change is refused.
 """
 
 from __future__ import annotations
@@ -11,15 +11,17 @@ from __future__ import annotations
 import select
 import sys
 import time
+from contextlib import suppress
 
 import numpy as np
 
 from haptic_driver.client import HapticClient
+from haptic_driver.daemon.messages import RefusedError
 
 
 def main() -> None:
     took_s = []
-    with HapticClient(sys.argv[1]) as client:
+    with HapticClient(sys.argv[1]) as client, suppress(RefusedError):
         while not select.select([sys.stdin], [], [], 0.0)[0]:
             began_s = time.monotonic()
             place = {"x_mm": 50.0 + 10.0 * np.sin(began_s), "y_mm": 30.0}

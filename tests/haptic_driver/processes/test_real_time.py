@@ -150,6 +150,38 @@ def test_what_keeps_output_alive_goes_first_and_nothing_that_it_starts():
     assert policies == [f"{first} {ordinary}"] * 2 + [f"{ordinary} {ordinary}"]
 
 
+SEARCHED = """
+import gc
+from haptic_driver.cli.main import run
+from haptic_driver.processes.real_time import settle_memory
+def command():
+    settle_memory()
+    most = 0
+    def count(phase, info):
+        nonlocal most
+        if phase == "start":
+            most = max(most, sum(len(gc.get_objects(g)) for g in range(info["generation"] + 1)))
+    gc.callbacks.append(count)
+    for _ in range(100_000):  # as connections and requests come and go
+        cycle = []
+        cycle.append(cycle)
+    print(most)
+    raise SystemExit
+run(command)
+"""
+
+
+@pytest.mark.process
+def test_a_search_for_garbage_stops_the_daemons_threads_for_a_short_time():
+    """The command line searches after 50,000 objects, so that it starts sooner. A daemon kept that:
+    five minutes of an app's commands were searched at once, and a held load was let go.
+    """
+    run = subprocess.run(
+        [sys.executable, "-c", SEARCHED, "models"], capture_output=True, text=True, check=True
+    )
+    assert int(run.stdout) < 20_000
+
+
 CHILD = """
 import os
 from haptic_driver.processes.child import Child
