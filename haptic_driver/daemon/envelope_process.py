@@ -21,7 +21,7 @@ from haptic_driver.daemon.output_pump import may_go_out
 from haptic_driver.errors import HapticError, message_of
 from haptic_driver.processes import parent, real_time
 from haptic_driver.processes.compilation import compilation_said
-from haptic_driver.processes.real_time import PRIORITY, Metronome
+from haptic_driver.processes.real_time import BEFORE_RENDER, Metronome
 from haptic_driver.processes.shared_memory import Played, SharedState
 from haptic_driver.render.compiled import refuse_to_compile
 from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead, warm_up
@@ -131,7 +131,7 @@ def main() -> None:
     open_output()
     rate_hz = output.plays_at(section.envelope_rate_hz)
     writer = EnvelopeWriter(output, settings.modulation, rate_hz, settings.rise_v_per_s)
-    granted = real_time.enter(PRIORITY + 1)  # its turn is short, and render waits awake
+    granted = real_time.enter(BEFORE_RENDER)
     real_time.never_collect()
     lead = Lead(section.lead_s, section.buffer_s)
     loop = EnvelopeLoop(shared, writer, lead, shared.played.read().underruns)

@@ -11,7 +11,7 @@ from haptic_driver.cli import daemon as daemon_command
 from haptic_driver.daemon import run
 from haptic_driver.daemon.service import as_service, notify, watchdog_period_s
 from haptic_driver.errors import HapticError
-from haptic_driver.processes.real_time import PRIORITY
+from haptic_driver.processes.real_time import BEFORE_RENDER
 from hw.safety.watchdog import STAGE_S, WatchdogSettings
 from tests import systemd
 from tests.waiting import HANG_S, until
@@ -72,7 +72,7 @@ def test_without_systemd_nothing_happens(monkeypatch, address):
 def test_the_unit_asks_for_what_the_daemon_needs():
     service = {key: values[-1] for key, values in systemd.settings().items()}
     assert (service["Type"], service["UMask"], service["PrivateTmp"]) == ("notify", "0077", "yes")
-    assert int(service["LimitRTPRIO"]) >= PRIORITY
+    assert int(service["LimitRTPRIO"]) >= BEFORE_RENDER  # of an envelope, too
     assert service["LimitMEMLOCK"] == "infinity"
     assert int(service["WatchdogSec"]) > 0
     # systemd kills what is left after that: the watchdog has ended by then
