@@ -203,24 +203,24 @@ class Live:
         """The scene after such changes; None where they are more than moves and turns of what is
         there. BadInputError for an object that leaves the screen.
         """
-        rows, said, moved = self.objects.rows.copy(), dict(self._said), []
+        said, moved, turned = dict(self._said), dict[int, list[float]](), dict[int, float]()
         for change in changes:
             if not isinstance(change, Move | Turn) or change.id not in self._rows:
                 return None
             at = self._rows[change.id]
             if isinstance(change, Move):
-                place = [change.x_mm, change.y_mm]
-                rows[at, PLACE] = 1e-3 * change.x_mm, 1e-3 * change.y_mm
-                moved.append(at)
-                new: dict[str, Any] = {"origin_mm": place}
+                moved[at] = [change.x_mm, change.y_mm]
+                new: dict[str, Any] = {"origin_mm": moved[at]}
             else:
-                turned_rad = math.radians(change.rotation_deg)
-                rows[at, TURN] = math.cos(turned_rad), math.sin(turned_rad)
-                new = {"rotation_deg": change.rotation_deg}
+                turned[at] = change.rotation_deg
+                new = {"rotation_deg": turned[at]}
             said[change.id] = said.get(change.id, {}) | new
+        rows, turns_rad = self.objects.rows.copy(), np.radians([*turned.values()])
+        rows[[*moved], PLACE] = places = 1e-3 * np.array([*moved.values()], float).reshape(-1, 2)
+        rows[[*turned], TURN] = np.column_stack([np.cos(turns_rad), np.sin(turns_rad)])
         live = copy(self)
         live.objects, live._said = Objects(rows, self.objects.points), said
-        places, reach_m = rows[moved, PLACE], rows[moved, REACH]
+        reach_m = rows[[*moved], REACH]
         beyond_m = np.maximum(np.maximum(-places, places - np.array(screen_m)), 0.0)
         if (np.hypot(*beyond_m.T) > reach_m).any():
             drawn = live.drawn

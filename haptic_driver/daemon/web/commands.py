@@ -19,10 +19,10 @@ import json
 from collections import deque
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from anyio import to_thread
-from pydantic import BaseModel, Field, JsonValue, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from haptic_driver.config import Checked, foremost, problem
 from haptic_driver.daemon.daemon import Daemon
@@ -54,7 +54,7 @@ class Command(Checked):
 
     id: int | str | None = None
     verb: str
-    asked: dict[str, JsonValue] = Field(default={})
+    asked: dict[str, Any] = Field(default={})
     lease: str = ""
 
 
@@ -85,7 +85,7 @@ class CommandChannel:
             command = _understood(text)
             verb = _VERBS[command.verb]
             schema = verb.schema
-            asked = schema.model_validate_json(json.dumps(command.asked))
+            asked = schema.model_validate(command.asked)
             at_once = verb.switches_off or verb is Verbs.renew
             if len(self._waiting) >= MOST_WAITING and not at_once:
                 raise RefusedError(
