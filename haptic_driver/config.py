@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import starmap
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
@@ -197,18 +198,12 @@ def _order(fault: Any) -> int:
 
 
 def _hint(file: Any, faults: list[Any]) -> str:
-    """What to do about the first of them."""
+    """What to do about the first of them, and about those of its kind that are slips of the pen."""
     kind, loc = faults[0]["type"], faults[0]["loc"]
     if kind == "extra_forbidden":
-        known = _fields_at(file, loc[:-1])
-        words = [
-            fault["loc"][-1]
-            for fault in faults
-            if fault["type"] == kind and fault["loc"][:-1] == loc[:-1]
-        ]
-        return "".join(did_you_mean(str(word), known) for word in words[:-1]) + nearest(
-            str(words[-1]), known
-        )
+        unknown = [fault["loc"] for fault in faults if fault["type"] == kind]
+        asked = [(str(place[-1]), _fields_at(file, place[:-1])) for place in unknown]
+        return "".join(starmap(did_you_mean, asked[:-1])) + nearest(*asked[-1])
     if kind == "union_tag_invalid":
         known = [tag.strip(" '") for tag in faults[0]["ctx"]["expected_tags"].split(",")]
         return nearest(str(faults[0]["ctx"]["tag"]), known)

@@ -67,7 +67,7 @@ class Commands:
     """What messages `/haptic/VERB TOKEN ...` ask for, done on a command channel.
 
     Verbs are methods of the Python client; what follows the token are their arguments in order, or
-    JSON. Whoever falls silent for longer than the lease loses it.
+    one JSON object. Whoever falls silent for longer than the lease loses it.
     """
 
     def __init__(self, channel: Lasting, token: str) -> None:
@@ -213,7 +213,11 @@ class Turns:
 
 
 def _said(verb: Verb[..., Any, Any], values: Sequence[OscValue]) -> dict[str, Any]:
-    """A request by its fields in order; a text that is JSON counts as what it says."""
+    """A request by its fields in order, or as one object; a text that is JSON counts as what it
+    says.
+    """
+    if len(values) == 1 and isinstance(whole := _value(values[0]), dict):
+        return whole
     fields = list(verb.schema.model_fields)
     if len(values) > len(fields):
         said = f"{len(values)} values, for {', '.join(fields) or 'none'}"

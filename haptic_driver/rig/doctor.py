@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from haptic_driver.processes.real_time import PRIORITY
+from haptic_driver.processes.real_time import BEFORE_RENDER
 from haptic_driver.rig.check import Check, Checks, Examination
 from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import RigConfig
@@ -51,6 +51,10 @@ def _figures(at: Examination) -> Checks:
     if at.rig.finger.velocity_time_constant_s is not None:
         said = "finger.velocity_time_constant_s is not used: the filter follows the panel's reports"
         yield at.called("finger").warning(said, "remove it from the rig's file")
+    if "latency_s" not in at.rig.output.model_fields_set:
+        said = "output.latency_s is left out: the finger's place is taken to be felt at once"
+        hint = "write down what the instruments take; while it renders, haptic status measures it"
+        yield at.called("output").warning(said, hint)
     for key, section in at.rig.signed_sections.items():
         if section.verified and section.measured_at is not None:
             name = key.rpartition(".")[2].replace("_", " ")
@@ -114,13 +118,13 @@ def _real_time(at: Examination) -> Checks:
         return
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(BEFORE_RENDER))
     except OSError as error:
         yield at.warning(
-            f"SCHED_FIFO {PRIORITY} is refused ({error.strerror})",
-            f"allow it: LimitRTPRIO={PRIORITY} in the service, or rtprio in"
+            f"SCHED_FIFO {BEFORE_RENDER} is refused ({error.strerror})",
+            f"allow it: LimitRTPRIO={BEFORE_RENDER} in the service, or rtprio in"
             " /etc/security/limits.conf",
         )
         return
     os.sched_setscheduler(0, *before)
-    yield at.ok(f"SCHED_FIFO {PRIORITY} is granted")
+    yield at.ok(f"SCHED_FIFO {BEFORE_RENDER} is granted")

@@ -312,8 +312,8 @@ class TouchReports:
     """The reports of a touch screen in its counts, read without waiting.
 
     `descriptor` gives `struct input_event`, stamped with CLOCK_MONOTONIC. `span_raw` is the range
-    of each axis in counts, None where unknown. `name` is for messages; `close` is called once, to
-    hang up.
+    of each axis in counts, None where unknown; `tells_area`: whether it tells how large a contact
+    is, None where unknown. `name` is for messages; `close` is called once, to hang up.
     """
 
     def __init__(
@@ -324,8 +324,9 @@ class TouchReports:
         name: str,
         close: Callable[[], None],
         span_raw: tuple[int, int] | None = None,
+        tells_area: bool | None = None,
     ) -> None:
-        self.span_raw = span_raw
+        self.span_raw, self.tells_area = span_raw, tells_area
         self._descriptor = descriptor
         self._events = events
         self._name = name
@@ -502,6 +503,7 @@ def open_touch_reports(path: str) -> TouchReports:
         name=path,
         close=device.close,
         span_raw=(int(x.max - x.min), int(y.max - y.min)),
+        tells_area=has_slots and _SLOT_MAJOR in _codes(device, _ABSOLUTE),
     )
 
 
@@ -520,8 +522,7 @@ def _has_slots(device: Any, path: str) -> bool:
     """Whether an evdev device reports fingers in slots, or one finger only. BadReply for no touch
     screen, and for one that reports several fingers without slots (multi-touch protocol A).
     """
-    can = device.capabilities(absinfo=False)
-    axes = set(can.get(_ABSOLUTE, []))
+    axes = _codes(device, _ABSOLUTE)
     if {_SLOT, _SLOT_X, _SLOT_Y, _SLOT_CONTACT} <= axes:
         return True
     if {_SLOT_X, _SLOT_Y} & axes:
@@ -532,23 +533,27 @@ def _has_slots(device: Any, path: str) -> bool:
             " ABS_MT_TRACKING_ID), set it to one finger if it can be (ABS_X, ABS_Y and BTN_TOUCH"
             " alone), or convert its events to slots with the library mtdev and a uinput device",
         )
-    if {_X, _Y} <= axes and _KEY_TOUCH in can.get(_KEY, []):
+    if {_X, _Y} <= axes and _KEY_TOUCH in _codes(device, _KEY):
         return False
     raise BadReply(
         f"{path} is {device.name!r}, which is no touch screen", "choose another event device"
     )
 
 
+def _codes(device: Any, kind: int) -> set[int]:
+    """What events of a kind it can send: which axes, or which keys."""
+    return set(device.capabilities(absinfo=False).get(kind, []))
+
+
 def _standing(device: Any, has_slots: bool) -> Standing:
     """What an evdev device knows of its fingers besides their place."""
-    can = device.capabilities(absinfo=False)
-    axes = set(can.get(_ABSOLUTE, []))
+    axes = _codes(device, _ABSOLUTE)
     if has_slots:
         asked = _SLOT_DISTANCE, _SLOT_TOOL, _SLOT_PRESSURE, _SLOT_MAJOR, _SLOT_MINOR
         return Standing(*(_slot_values(device, c) if c in axes else () for c in asked))
     distance_raw = int(device.absinfo(_DISTANCE).value) if _DISTANCE in axes else 0
     pressure_raw = [int(device.absinfo(_PRESSURE).value)] if _PRESSURE in axes else []
-    pens = set(can.get(_KEY, [])) & set(_PEN_KEYS)
+    pens = _codes(device, _KEY) & set(_PEN_KEYS)
     has_pen = bool(pens and pens & set(device.active_keys()))
     return Standing([distance_raw], [_PEN if has_pen else _FINGER], pressure_raw)
 

@@ -253,6 +253,14 @@ def test_a_key_that_is_unknown_in_a_list_is_offered_those_of_its_section():
     assert refused.value.hint == "Did you mean 'shape'? Known: shape"
 
 
+def test_each_of_two_unknown_keys_is_offered_what_its_own_section_knows():
+    """Only those beside the first had an offer."""
+    with pytest.raises(BadInputError) as refused:
+        parse(RigConfig, {"screen": {"widht_m": 0.1}, "output": {"latenzy_s": 0.0}}, "file")
+    assert "Did you mean 'width_m'?" in refused.value.hint
+    assert "Did you mean 'latency_s'?" in refused.value.hint
+
+
 def test_a_wrong_kind_is_answered_before_what_is_missing():
     with pytest.raises(BadInputError) as refused:
         parse(RigConfig, {"amplifier": {"kind": "analogue"}}, "file")

@@ -192,7 +192,8 @@ class EvdevFingerConfig(PartSection):
     def _examine_screen(self, at: Examination) -> Checks:
         from hw.finger.touch_screen import open_touch_reports
 
-        open_touch_reports(self.device).close()
+        opened = open_touch_reports(self.device)
+        opened.close()
         yield at.ok(self.device)
         reports = self.reports()
         said = (
@@ -201,9 +202,16 @@ class EvdevFingerConfig(PartSection):
         )
         hint = "slide a finger while the daemon runs: haptic status has both as they are"
         yield at.called("touch reports").unverified(said, hint)
-        if self.area is not None:
+        area = at.called("contact area")
+        if opened.tells_area is False and self.area is not None:
+            said = "this screen has no ABS_MT_TOUCH_MAJOR: it tells no area of a contact"
+            yield area.failed(said, "remove finger_tracker.area from the rig's file")
+        elif opened.tells_area and self.area is None:
+            said = "this screen tells how large a contact is, which is not used"
+            yield area.unverified(said, "[finger_tracker.area] has friction looked up for it")
+        elif self.area is not None:
             told = f"major x minor x {self.area.m2_per_raw2:.3g} m2, off by {self.area.log_std:.0%}"
-            yield at.called("contact area").dated(told, self.area.measured_at)
+            yield area.dated(told, self.area.measured_at)
 
     def make(self, wiring: Wiring) -> Part[FingerTracker]:
         """Reads its event device."""

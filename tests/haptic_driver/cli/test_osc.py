@@ -54,6 +54,9 @@ def test_verbs_take_their_values_in_order_or_as_json(commands, control):
     assert commands.do("/haptic/arm", ["secret", 5.0])[:2] == ["arm", "ok"]
     verb, ok, answer = commands.do("/haptic/set", ["secret", 0.6])
     assert (verb, ok, json.loads(answer)["target_cof"]) == ("set", "ok", 0.6)
+    verb, ok, answer = commands.do("/haptic/set", ["secret", '{"cof": 0.5, "nearest": true}'])
+    assert (verb, ok, json.loads(answer)["target_cof"]) == ("set", "ok", 0.5)
+    assert commands.do("/haptic/set", ["secret", '{"coff": 0.5}'])[1] == "bad_request"
     assert commands.do("/haptic/play", ["secret", "linen"])[1] == "ok"
     turned = json.dumps([{"do": "turn", "id": "a", "rotation_deg": 10.0}])
     assert commands.do("/haptic/change_scene", ["secret", turned])[1] != "bad_request"

@@ -12,9 +12,10 @@ import pytest
 from haptic_driver.rig.check import CheckStatus, Examination
 from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.doctor import examine
+from haptic_driver.rig.doctor import examinations, examine
 from haptic_driver.rig.parts.analog_inputs import NiAnalogInputsConfig
 from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
+from haptic_driver.rig.parts.finger_trackers import TouchAreaConfig
 from haptic_driver.rig.parts.interlocks import NoInterlock
 from haptic_driver.simulation.served import ServedRig
 from haptic_driver.simulation.twin import as_real
@@ -214,6 +215,45 @@ def test_a_touch_screen_that_is_not_calibrated_names_the_command_that_does_it(
     assert said in check.message
     assert ("haptic calibrate-touch" in check.hint) == (status is not CheckStatus.OK)
     assert found(checks, "touch screen").status is CheckStatus.FAILED  # /dev/null is none
+
+
+@pytest.mark.parametrize("said", ["", "\n[output]\nlatency_s = 0.0\n"])
+def test_a_latency_that_is_left_out_is_none_without_a_word(said, tmp_path):
+    text = PAPER.read_text(encoding="utf-8")
+    before, _, after = text.partition("[output]")
+    after = after.partition("\n\n")[2]
+    (tmp_path / "own.toml").write_text(f"{before}{said}\n{after}", encoding="utf-8")
+    rig = load_rig(str(tmp_path / "own.toml"))
+    name, figures = next(examinations(rig))
+    checks = Examination(name, rig, TODAY).told(figures)
+    told = [check for check in checks if check.name == "output"]
+    assert [check.status for check in told] == ([] if said else [CheckStatus.WARNING])
+
+
+AREA = TouchAreaConfig(m2_per_raw2=1e-8, log_std=0.1, measured_at=TODAY)
+
+
+@pytest.mark.parametrize(
+    ("tells", "area", "status"),
+    [
+        (True, AREA, CheckStatus.OK),
+        (False, AREA, CheckStatus.FAILED),
+        (None, AREA, CheckStatus.OK),
+        (True, None, CheckStatus.NOT_VERIFIED),
+        (False, None, None),
+    ],
+)
+def test_a_file_that_expects_an_area_which_the_screen_does_not_tell(
+    tells, area, status, monkeypatch
+):
+    """It was called in order, and no tick ever had an area."""
+    opened = SimpleNamespace(close=lambda: None, tells_area=tells)
+    monkeypatch.setattr("hw.finger.touch_screen.open_touch_reports", lambda path: opened)
+    config = load_rig("template")
+    screen = config.finger_tracker.model_copy(update={"area": area})
+    checks = list(screen.examine(Examination("finger tracker", config, TODAY)))
+    told = [check.status for check in checks if check.name == "contact area"]
+    assert told == ([] if status is None else [status])
 
 
 def test_asked_and_got_of_every_setting_in_one_table(haptic):

@@ -603,6 +603,16 @@ def test_a_real_event_device():
         tracker.close()
 
 
+def test_an_opened_screen_tells_whether_it_says_how_large_a_contact_is(opened):
+    screen = touch_screen(Panel(), slots=True, clock=ManualClock(1000.0))
+    zero = SimpleNamespace(value=0, min=0, max=9)
+    reports = opened(
+        [0x2F, 0x30, 0x35, 0x36, 0x39], fd=screen.descriptor, absinfo=lambda code: zero
+    )
+    assert reports.tells_area
+    reports.close()
+
+
 @pytest.mark.parametrize(("slots", "axes"), [(True, (0x35, 0x36)), (False, (0x00, 0x01))])
 def test_an_opened_screen_tells_counts_and_the_range_of_its_axes(opened, slots, axes):
     clock = ManualClock(1000.0)
@@ -617,6 +627,7 @@ def test_an_opened_screen_tells_counts_and_the_range_of_its_axes(opened, slots, 
         [0x2F, 0x35, 0x36, 0x39] if slots else [0, 1], fd=screen.descriptor, absinfo=absinfo
     )
     assert reports.span_raw == (4000, 3000)
+    assert reports.tells_area is False
     assert reports.read()[:4] == (-math.inf, 0, 0, False)
     screen.put(0.010, 0.050)
     assert reports.read() == RawTouch(clock(), 250, 2000, True)
