@@ -125,11 +125,11 @@ def find_config(name_or_path: str, kind: str) -> Path:
         path = folder / kind / f"{name_or_path}.toml"
         if os.path.isfile(path):  # False too for a name that no file system takes
             return path
-    own = (
-        f"The name of a {what} file of your own must end in .toml. "
-        if os.path.isfile(given)
-        else ""
-    )
+    own = ""
+    if os.path.isfile(given):
+        own = f"The name of a {what} file of your own must end in .toml. "
+    elif os.path.isfile(beside := f"{name_or_path}.toml"):
+        own = f"For the file {beside} of this folder, give {beside}. "
     hint = own + nearest(name_or_path, names)
     raise BadInputError(f"unknown_{what}", f"there is no {what} named '{name_or_path}'", hint)
 

@@ -105,7 +105,7 @@ def _draw_proposed(path: Path, found: Proposal, beside: Path) -> Path | None:
 
     marks = [at_s for span in found.voltage for at_s in span[1:]]
     title = "\n".join([path.name, "; ".join(found.taken)])
-    draw_trial(title, found.drawn, marks, found.spans, picture)
+    draw_trial(title, found.drawn, marks, found.spans, picture, found.as_written)
     return picture
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from haptic_driver.pictures.saving import pyplot, saved
@@ -25,8 +25,11 @@ def draw_trial(
     voltage_s: Sequence[float],
     spans: Sequence[tuple[str, float, float]],
     path: Path,
+    as_written: Collection[str] = (),
 ) -> None:
-    """Columns [n] in SI over time, voltage as lines at on and off, each span as a named band."""
+    """Columns [n] in SI over time, voltage as lines at on and off, each span as a named band; those
+    of `as_written` in the file's numbers.
+    """
     drawn = [name for name in LABELS if name in columns]
     figure, axes = pyplot().subplots(
         len(drawn),
@@ -38,9 +41,10 @@ def draw_trial(
     )
     with saved(figure, path):
         for axis, name in zip(axes[:, 0], drawn, strict=True):
-            scale = 1e3 if LABELS[name].endswith(("mm", "mm/s")) else 1.0
+            what, unit = LABELS[name].rsplit(", ", 1)
+            scale = 1e3 if unit in ("mm", "mm/s") and name not in as_written else 1.0
             axis.plot(columns["time"], scale * columns[name], color=LINE, lw=0.6)
-            axis.set_ylabel(LABELS[name])
+            axis.set_ylabel(f"{what}, {'as in the file' if name in as_written else unit}")
             for label, start_s, end_s in spans:
                 color = BASELINE if label == "baseline" else WINDOW
                 axis.axvspan(start_s, end_s, color=color, alpha=0.2, lw=0)
@@ -51,4 +55,5 @@ def draw_trial(
             middle_s = 0.5 * (start_s + end_s)
             axes[0, 0].text(middle_s, 1.02, label, transform=top, ha="center", fontsize=8)
         axes[0, 0].set_title(title, fontsize=9, pad=18)
-        axes[-1, 0].set_xlabel("time, s")
+        seconds = "as in the file" if "time" in as_written else "s"
+        axes[-1, 0].set_xlabel(f"time, {seconds}")

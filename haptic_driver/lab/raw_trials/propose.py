@@ -55,13 +55,15 @@ class Seen:
 class Proposal:
     """What a file seems to be: its columns, the rate by its time, a map, and a picture's content.
 
-    `drawn`: columns [n] by role in SI, or in the file's numbers where no unit is known.
+    `drawn`: columns [n] by role in SI, those of `as_written` in the file's numbers: no unit is
+    known.
     """
 
     seen: list[Seen]
     rate_hz: float | None
     map_text: str
     drawn: Mapping[str, Array]
+    as_written: frozenset[str]
     voltage: tuple[Span, ...]
     spans: tuple[Span, ...]
     taken: list[str]
@@ -96,9 +98,9 @@ def proposed(path: Path, look: FileLook | None = None) -> Proposal:
             *_windows(drawn, stretches, spans),
         ]
     )
-    return Proposal(
-        seen, _rate_hz(taken), text + "\n", drawn, stretches, spans, _said(taken, drawn)
-    )
+    as_written = frozenset(role for role, one in taken.items() if not one.has_unit)
+    said = _said(taken, drawn)
+    return Proposal(seen, _rate_hz(taken), text + "\n", drawn, as_written, stretches, spans, said)
 
 
 @dataclass(frozen=True)
@@ -114,10 +116,15 @@ class _Taken:
     def unit(self) -> str:
         return unit_said(self.role, self.column)[0]
 
+    @property
+    def has_unit(self) -> bool:
+        """Whether one of the role is known."""
+        return self.role in of_kind(self.unit)
+
     def in_si(self) -> Array:
-        """In SI where the unit is one of the role, else in the file's numbers."""
-        known = self.role in of_kind(self.unit)
-        return self.sign * (to_si(self.role, self.unit, self.role) if known else 1.0) * self.values
+        """In SI where a unit is known, else in the file's numbers."""
+        factor = to_si(self.role, self.unit, self.role) if self.has_unit else 1.0
+        return self.sign * factor * self.values
 
     def lines(self, role: str) -> list[str]:
         """Its section of a map."""
@@ -222,7 +229,10 @@ def _spans(drawn: Mapping[str, Array], stretches: Sequence[Span]) -> tuple[Span,
 
 def _said(taken: Mapping[str, _Taken], drawn: Mapping[str, Array]) -> list[str]:
     """What the picture takes each thing for."""
-    said = [f"{role}: column {one.column.name}" for role, one in taken.items()]
+    said = [
+        f"{role}: column {one.column.name}{'' if one.has_unit else ', of no unit that is known'}"
+        for role, one in taken.items()
+    ]
     said += [f"sign of {role}: -1, most is negative" for role, one in taken.items() if one.sign < 0]
     if {"normal_force", "lateral_force"} <= set(drawn):
         free = without_load(drawn["normal_force"])

@@ -10,6 +10,7 @@ SLIDE = "time_s,position_m,normal_force_n"
 STROKE = [f"{0.01 * i:.2f},{0.0004 * i:.4f},0.5" for i in range(30)]
 
 FILES = {
+    "mine.toml": "",
     "ok.csv": f"{BASE}\n250,75,0.5\n",
     "semicolons.csv": f"{BASE.replace(',', ';')}\n250;75;0,5\n",
     "decimal_commas.csv": f"{BASE}\n250,75,0,5\n",
@@ -32,6 +33,7 @@ WRONG = [
     ("surface build --voltage-high-v nan", "bad_axes", "nan V is not in 0..5000 V", "example 150"),
     # names and files of configuration
     ("solve --friction 0.6 --rig folder", "unknown_rig", "'folder'", "simulated"),
+    ("doctor --rig mine", "unknown_rig", "'mine'", "give mine.toml"),
     ("solve --friction 0.6 --model ok.csv", "unknown_model", "ok.csv", "must end in .toml"),
     ("measure --out d.csv --plan papr", "unknown_plan", "'papr'", "Did you mean 'paper'?"),
     ("study finger", "unknown_population", "'finger'", "Did you mean 'fingers'?"),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.lab.pictures.trials import draw_trial
 from haptic_driver.lab.raw_trials.cut import conditions_of, opened, tabled
 from haptic_driver.lab.raw_trials.layout import Layout, text_table
 from haptic_driver.lab.raw_trials.propose import proposed, roles_of
@@ -228,6 +229,23 @@ def test_a_map_is_proposed_that_reads_the_file(tmp_path):
     columns = quantities(opened(path, said), said).columns
     np.testing.assert_allclose(columns["normal_force"], LOAD_N, rtol=1e-6)
     np.testing.assert_allclose(columns["position"], 0.02 * TIME_S, atol=1e-9)
+
+
+@pytest.mark.parametrize(("unit", "written"), [("mm", set()), ("", {"position"})])
+def test_a_column_of_no_unit_is_drawn_as_it_stands(unit, written, tmp_path):
+    """A position without a unit was drawn as metres."""
+    path = tmp_path / "t.txt"
+    lines = [";".join(f"{x:.9g}" for x in row) for row in zip(*RAW.values(), strict=True)]
+    head = f"Time;Fx;Fz;Voltage;Position\ns;mN;gf;V;{unit}\n"
+    path.write_text(head + "\n".join(lines))
+    found = proposed(path)
+    assert set(found.as_written) == written
+    scale = 1.0 if written else 1e-3
+    np.testing.assert_allclose(found.drawn["position"], scale * [*RAW.values()][4], atol=1e-9)
+    assert any("no unit" in line for line in found.taken) == bool(written)
+    picture = tmp_path / "t.png"
+    draw_trial("t", found.drawn, (), found.spans, picture, found.as_written)
+    assert picture.stat().st_size > 0
 
 
 def test_a_column_is_not_taken_against_its_unit():
