@@ -27,8 +27,9 @@ def draw_trial(
     path: Path,
     as_written: Collection[str] = (),
 ) -> None:
-    """Columns [n] in SI over time, voltage as lines at on and off, each span as a named band; those
-    of `as_written` in the file's numbers.
+    """Columns [n] in SI over time, voltage as lines at on and off, each span as a named band.
+
+    Those of `as_written` are in the file's numbers.
     """
     drawn = [name for name in LABELS if name in columns]
     figure, axes = pyplot().subplots(
