@@ -99,8 +99,8 @@ def proposed(path: Path, look: FileLook | None = None) -> Proposal:
         ]
     )
     as_written = frozenset(role for role, one in taken.items() if not one.has_unit)
-    said = _said(taken, drawn)
-    return Proposal(seen, _rate_hz(taken), text + "\n", drawn, as_written, stretches, spans, said)
+    told = _said(taken, drawn)
+    return Proposal(seen, _rate_hz(taken), text + "\n", drawn, as_written, stretches, spans, told)
 
 
 @dataclass(frozen=True)
