@@ -230,7 +230,7 @@ def _spans(drawn: Mapping[str, Array], stretches: Sequence[Span]) -> tuple[Span,
 def _said(taken: Mapping[str, _Taken], drawn: Mapping[str, Array]) -> list[str]:
     """What the picture takes each thing for."""
     said = [
-        f"{role}: column {one.column.name}{'' if one.has_unit else ', of no unit that is known'}"
+        f"{role}: column {one.column.name}{'' if one.has_unit else ', no unit'}"
         for role, one in taken.items()
     ]
     said += [f"sign of {role}: -1, most is negative" for role, one in taken.items() if one.sign < 0]
