@@ -22,8 +22,8 @@ RUNAWAY_S = 1.0
 PRIORITY = 80  # of SCHED_FIFO, above threaded interrupt handlers (50)
 BEFORE_RENDER = PRIORITY + 1  # for a short turn: render waits awake
 LEAST_PRIORITY = 1  # of SCHED_FIFO: before all that is not in real time
-# Of Python's search for garbage: so many new objects before one, so many of these before a longer
-# one, and of those before one of everything, which stops all threads for 10 ms and more.
+# Of Python's search for garbage: new objects before one, such before a longer one, and those before
+# one of everything. The last is 10 by default: that one stops all threads for 10 ms and more.
 SEARCHES = 700, 10, 1000
 SPIN_S = 260e-6  # longer than most wake-ups and a rehearsal take; it costs 26 % of a core
 FIRST_REHEARSAL_S = 180e-6  # longer than one takes that has everything to fetch from memory

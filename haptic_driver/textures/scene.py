@@ -216,7 +216,8 @@ class Live:
                 new = {"rotation_deg": turned[at]}
             said[change.id] = said.get(change.id, {}) | new
         rows, turns_rad = self.objects.rows.copy(), np.radians([*turned.values()])
-        rows[[*moved], PLACE] = places = 1e-3 * np.array([*moved.values()], float).reshape(-1, 2)
+        places = 1e-3 * np.array([*moved.values()], float).reshape(-1, 2)
+        rows[[*moved], PLACE] = places
         rows[[*turned], TURN] = np.column_stack([np.cos(turns_rad), np.sin(turns_rad)])
         live = copy(self)
         live.objects, live._said = Objects(rows, self.objects.points), said

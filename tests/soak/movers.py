@@ -56,7 +56,7 @@ class InABrowser:
         return self._view.evaluate("took_s")
 
 
-# Each object on a circle about where it was put, as `benchmarks.scene` moves them.
+# Each object on a circle about where it was put.
 SCRIPT = """async (made) => {
   const { Haptic } = await import("./haptic.js");
   const haptic = await Haptic.open();
@@ -69,13 +69,12 @@ SCRIPT = """async (made) => {
     await Haptic.prototype.scene.apply(haptic, asked);
     window.took_s.push((performance.now() - began) / 1000);
   };
+  const objects = made.filter(({ id }) => id); // not the background
   window.begin = () => {
     const frame = (now) => {
-      for (let k = 0; k < 200; ++k) {
-        const turn = 0.0005 * now + k;
-        const x_mm = 6 + 4.5 * (k %% 20) + 4 * Math.cos(turn);
-        haptic.move(`object ${k}`, x_mm, 6 + 5 * Math.floor(k / 20) + 4 * Math.sin(turn));
-      }
+      const x_mm = 2 * Math.cos(0.0005 * now), y_mm = 2 * Math.sin(0.0005 * now);
+      for (const { id, origin_mm: [home_x_mm, home_y_mm] } of objects)
+        haptic.move(id, home_x_mm + x_mm, home_y_mm + y_mm);
       if (window.lost === null) requestAnimationFrame(frame);
     };
     requestAnimationFrame(frame);
